@@ -65,6 +65,11 @@ class LeastSquares(ABC, Generic[Point, Step]):
         cost is inf or NaN where they are not finite."""
         return at
 
+    def counts(self, before: Point, trial: Point) -> bool:
+        """Whether a step counts against the limit. A rejected step may be so cheap, and the gain of
+        one that is taken so large, that it does not."""
+        return True
+
     def settled(self, gain: float, before: Point, after: Point) -> bool:
         """Whether the gain of the step taken is too small for another step."""
         return False
@@ -80,12 +85,13 @@ class LeastSquares(ABC, Generic[Point, Step]):
 
 @dataclass(frozen=True)
 class Iteration(Generic[Point]):
-    """State of an iteration: steps tried, calm steps in a row; settled: whether it ended before its
-    steps were used up."""
+    """State of an iteration: steps tried, those of them that count, calm steps in a row; settled:
+    whether it ended before its steps were used up."""
 
     point: Point
     damping: float
     steps: int = 0
+    counted: int = 0
     calm: int = 0
     settled: bool = False
 
@@ -96,34 +102,34 @@ def iterate(
     steps: int,
     progress: Callable[[int, float], None] | None = None,
 ) -> Iteration[Point]:
-    """Go on from `begun` until settled, or until the number of steps, those before included, is
-    reached. progress: called with the number of every step and its cost."""
-    point, damping, calm, rule = begun.point, begun.damping, begun.calm, problem.rule
-    if begun.settled:
-        return begun
-    for count in range(begun.steps + 1, steps + 1):
+    """Go on from `begun` until settled, or until the number of steps that count, those before
+    included, is reached. progress: called with this number and the cost after every step."""
+    at, rule = begun, problem.rule
+    while not at.settled and at.counted < steps:
         # A rejected step is solved again from the same point. Only an accepted step pays for new
         # derivatives.
-        step = problem.step(point, damping)
+        step = problem.step(at.point, at.damping)
         if step is None:
-            return Iteration(point, damping, count - 1, calm)
-        trial = problem.moved(point, step, count == steps)
-        if trial.cost < point.cost:
-            trial = problem.linearised(trial, count == steps)
-        gain = point.cost - trial.cost
+            return at
+        last = at.counted + 1 == steps
+        trial = problem.moved(at.point, step, last)
+        if trial.cost < at.point.cost:
+            trial = problem.linearised(trial, last)
+        gain = at.point.cost - trial.cost
+        point, calm = at.point, at.calm
         if gain > 0.0:  # False where either is not a number
             # Marquardt's rule: success or failure alone moves lambda, not the ratio of the
             # gain to the promised gain, for which not every problem here has the quadratic at hand
-            before, point = point, trial
-            damping = max(rule.falls * damping, rule.least)
-            calm = calm + 1 if problem.calm(step, damping) else 0
-            ended = calm == CALM_STEPS or problem.settled(gain, before, point)
+            point = trial
+            damping = max(rule.falls * at.damping, rule.least)
+            calm = at.calm + 1 if problem.calm(step, damping) else 0
+            settled = calm == CALM_STEPS or problem.settled(gain, at.point, trial)
         else:
             # from nearly zero a factor alone would give the same step again, several times over
-            damping = max(rule.rises * damping, rule.raised)
-            ended = damping > rule.most or problem.stuck(point, step)
-        if ended:
-            return Iteration(point, damping, count, calm, True)
-        if progress is not None:
-            progress(count, point.cost)
-    return Iteration(point, damping, max(steps, begun.steps), calm)
+            damping = max(rule.rises * at.damping, rule.raised)
+            settled = damping > rule.most or problem.stuck(at.point, step)
+        counted = at.counted + problem.counts(at.point, trial)
+        at = Iteration(point, damping, at.steps + 1, counted, calm, settled)
+        if progress is not None and not settled:
+            progress(counted, point.cost)
+    return at

@@ -149,6 +149,10 @@ class ChordShooting(MultipleShooting):
         sums = [self._track_sums(i, s, entered) for i, entered in enumerate(starts)]
         return ShootingPoint(s, starts, self.assembled(s, sums, True), True)
 
+    @property
+    def differentiates_at_once(self) -> bool:
+        return True
+
     def predicted_cost(self, at: ShootingPoint) -> float:
         """The cost that the linearised model expects behind a single undamped step."""
         step = self.step(at, 0.0)

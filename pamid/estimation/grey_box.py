@@ -204,13 +204,13 @@ def require_predictable(
 
 
 def _counting(progress: Progress) -> Callable[[int, float], None]:
-    """Report the steps done out of the largest number of all rounds. A round begins at step 1;
+    """Report the steps done out of the largest number of all rounds. Every round begins anew, and
     most fits need fewer."""
     most = (FIRST_STEPS, *[ITERATIONS] * (ROUNDS - 1))
     at = [0, 0]  # round, step before
 
     def report(step: int, cost: float) -> None:
-        if step <= at[1]:
+        if step < at[1]:
             at[0] = min(at[0] + 1, len(most) - 1)
         at[1] = step
         done = sum(most[: at[0]]) + step

@@ -82,3 +82,20 @@ def test_normal_equations_that_are_not_finite_end_it_unsettled():
 
     ended = iterate(Broken(), begun(Broken()), 60)
     assert (ended.steps, ended.settled) == (0, False)
+
+
+@pytest.mark.parametrize("limit", [1, 3, 5])
+def test_only_steps_that_count_use_up_the_limit(limit):
+    class Generous(Valley):
+        """Rejected steps are free, and so are those that halve the cost."""
+
+        def counts(self, before, trial):
+            return 0.5 * before.cost < trial.cost < before.cost
+
+    whole = iterate(Generous(), begun(Generous()), 100)
+    ended = iterate(Generous(), begun(Generous()), limit)
+    assert whole.counted > limit, "else the limit shows nothing"
+    assert (ended.counted, ended.settled) == (limit, False) and ended.steps > limit
+    resumed = iterate(Generous(), ended, 100)
+    assert (resumed.steps, resumed.counted) == (whole.steps, whole.counted)
+    assert (resumed.point.x == whole.point.x).all()

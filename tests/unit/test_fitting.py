@@ -58,8 +58,8 @@ def fitted_joint(seed: int = 1) -> Fit:
 def test_a_fit_that_used_up_its_steps_goes_on(monkeypatch):
     """Else an effect would be named for what its refit gains in the other parameters."""
 
-    def few_steps(*args, iterations=2, **options):
-        return fit(*args, iterations=min(iterations, 2), **options)
+    def few_steps(*args, iterations=1, **options):
+        return fit(*args, iterations=min(iterations, 1), **options)
 
     monkeypatch.setattr("pamid.estimation.robust_fit.fit", few_steps)
     done, wanted = fit_robustly(problem_of(JOINT, recorded())), fitted_joint()
@@ -325,6 +325,18 @@ def test_no_convergence_is_a_value_with_a_reason(tmp_path):
     p[place] = -1e7  # would run away within a window
     lost = fit(problem, FitStart(p=p, stepping=Stepping(1)))
     assert lost.iterations > 0 and lost.p[place] >= 10.0, "clipped into its bounds first"
+
+
+@pytest.mark.parametrize("many", [24, 0])
+def test_a_fit_whose_cost_falls_fast_is_not_cut_off(tmp_path, monkeypatch, many):
+    """Else the right model would be judged half fitted. many: 0 makes rejected steps cheap."""
+    monkeypatch.setattr("pamid.estimation.multiple_shooting.MANY_UNKNOWNS", many)
+    problem = problem_of(Cart(), cart_record(tmp_path, **TRUTH))
+    p, place = problem.assembly.values(), problem.assembly.index_of("damping_n_s_per_m")
+    p[place] *= 20.0
+    whole, short = fit(problem, FitStart(p=p)), fit(problem, FitStart(p=p), iterations=2)
+    probe = fit(problem, FitStart(p=p), iterations=2, probe=True)
+    assert short.iterations > 2 and short.cost < 1.1 * whole.cost < probe.cost
 
 
 class Runaway(Cart):
