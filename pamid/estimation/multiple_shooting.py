@@ -400,6 +400,7 @@ class MultipleShooting(LeastSquares[ShootingPoint, _ShootingStep]):
             "" if ended.settled else "iterations used up",
             self.stepping,
             self.continuity,
+            tuple(normal.residuals),
         )
         if self.probe:
             return result
@@ -407,12 +408,7 @@ class MultipleShooting(LeastSquares[ShootingPoint, _ShootingStep]):
         # starts marginalised (the Schur complement does that)
         H, g, held, _ = reduced(normal, s, self.scale, 0.0)
         covariance: Array = np.linalg.pinv(H, hermitian=True).astype(np.float64, copy=False)
-        return replace(
-            result,
-            covariance=covariance,
-            residuals=tuple(normal.residuals),
-            held=np.where(held, g, 0.0),
-        )
+        return replace(result, covariance=covariance, held=np.where(held, g, 0.0))
 
 
 def begin(
@@ -474,8 +470,8 @@ def fit(
 
     tolerance: gain of the cost below which the fit has converged. exact: the fit ends with newly
     computed slopes; otherwise, or for a probe, the slopes are returned for reuse in a later fit.
-    probe: only the cost and the parameters are needed; the last step has no derivatives and no
-    covariance.
+    iterations: steps that count at most; those by which the cost falls fast do not, but in a probe.
+    probe: the last step has no derivatives and no covariance.
     """
     shooting, begun = begin(problem, start, tolerance=tolerance, probe=probe)
     if not begun.point.normal.fine:

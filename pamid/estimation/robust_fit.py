@@ -32,7 +32,7 @@ def fit_robustly(
     noise = problem.noise
     alone = Weights(noise, np.ones_like(noise))
     fitted = fit(
-        problem, FitStart(p=p, weights=alone, stepping=stepping), iterations=1, exact=False
+        problem, FitStart(p=p, weights=alone, stepping=stepping), iterations=1, probe=True
     )
     weights = (
         residual_weights(fitted.residuals, noise, problem.window)

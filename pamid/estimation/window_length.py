@@ -61,7 +61,7 @@ def cost_ratio_of_first_step(problem: Problem) -> float:
     """Cost after the undamped step from the data sheet over the cost before; infinite if the model
     diverges."""
     noise_weights = Weights(problem.noise, np.ones_like(problem.noise))
-    first = fit(problem, FitStart(weights=noise_weights), iterations=1, exact=False)
+    first = fit(problem, FitStart(weights=noise_weights), iterations=1, probe=True)
     if not first.residuals:
         return np.inf
     weights = residual_weights(first.residuals, problem.noise, problem.window)
