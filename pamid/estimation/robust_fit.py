@@ -31,9 +31,7 @@ def fit_robustly(
     """
     noise = problem.noise
     alone = Weights(noise, np.ones_like(noise))
-    fitted = fit(
-        problem, FitStart(p=p, weights=alone, stepping=stepping), iterations=1, probe=True
-    )
+    fitted = fit(problem, FitStart(p=p, weights=alone, stepping=stepping), iterations=1, probe=True)
     weights = (
         residual_weights(fitted.residuals, noise, problem.window)
         if fitted.residuals
