@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -178,8 +178,7 @@ def _signals(request: ExcitationArguments) -> PlannedExcitation:
         **({"coverage": alone["coverage"]} if alone else {}),
     }
     if safe is not None:
-        commands = [asdict(command) for command in safe.commands]
-        about["limits"] = {"checked": safe.limits, "commands": commands, "reached": safe.reached}
+        about["limits"] = safe.kept.as_json()
     return PlannedExcitation({**held, **columns}, about, lines, meta, shown)
 
 
@@ -205,7 +204,7 @@ def _reach(
     safe: SafeExcitation | None, column: str, centre: float, amplitude: float
 ) -> tuple[float, float]:
     """Lowest and highest value of a column after the limits were applied."""
-    for command in safe.commands if safe else ():
+    for command in safe.kept.commands if safe else ():
         if command.column == column:
             centre, amplitude = centre + command.shift, command.factor * amplitude
     return centre - amplitude, centre + amplitude

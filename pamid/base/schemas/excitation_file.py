@@ -67,6 +67,10 @@ class CommandKept(Model):
     shift: Number = Field(description="of the centre, in the unit of the column")
     why: ListOf[Text] = Field(description="violated limits, in words")
 
+    @property
+    def changed(self) -> bool:
+        return self.factor != 1.0 or self.shift != 0.0
+
 
 class LimitsKept(Model):
     """Limits of a model, under which the signal was simulated first."""

@@ -17,6 +17,7 @@ import numpy as np
 
 from pamid.base.arrays import Array
 from pamid.base.errors import DataError, UsageError, nearest
+from pamid.base.schemas.excitation_file import CommandKept, LimitsKept
 from pamid.rigs.simulators.excitation_bench import ExcitationBench, LimitViolation
 from pamid.rigs.simulators.mechanism import Actuator, Mechanism
 
@@ -26,42 +27,21 @@ SMALL_BESIDE = 0.3  # of the largest factor: smaller commands are not the only c
 MARGIN = 0.02  # of a joint's range, kept free at either end when a signal is moved
 
 
-@dataclass(frozen=True)
-class SafeCommand:
-    """Command within the limits: sent = shift + factor * the requested command, about its centre.
-
-    why: active limits, in the order of their occurrence.
-    """
-
-    column: str
-    factor: float = 1.0
-    shift: float = 0.0
-    why: tuple[str, ...] = ()
-
-    @property
-    def changed(self) -> bool:
-        return self.factor != 1.0 or self.shift != 0.0
-
-
 @dataclass(frozen=True, eq=False)
 class SafeExcitation:
     """Excitation within the limits.
 
-    columns   (samples,) in the units of their columns
-    commands  every command
-    limits    checked limits, as text
-    reached   joint -> lowest and highest position of the run, rad or m
+    columns: (samples,) in the units of their columns; a command is its shift plus its factor times
+    the requested one, about its centre.
     """
 
     columns: dict[str, Array]
-    commands: tuple[SafeCommand, ...]
-    limits: tuple[str, ...]
-    reached: dict[str, tuple[float, float]]
+    kept: LimitsKept
 
     def sentences(self) -> list[str]:
         """Changes of the excitation, and the reach of the run with them."""
-        sentences = [f"Tried on the model first. Checked: {'; '.join(self.limits)}."]
-        for command in self.commands:
+        sentences = [f"Tried on the model first. Checked: {'; '.join(self.kept.checked)}."]
+        for command in self.kept.commands:
             if command.changed:
                 moved = f"its centre moved by {command.shift:.4g}" if command.shift else ""
                 scaled = (
@@ -69,9 +49,11 @@ class SafeExcitation:
                 )
                 done = " and ".join(part for part in (moved, scaled) if part)
                 sentences.append(f"{command.column}: {done}; reason: {'; '.join(command.why)}.")
-        if not any(command.changed for command in self.commands):
+        if not any(command.changed for command in self.kept.commands):
             sentences.append("It is within all limits without changes.")
-        reach = ", ".join(f"{n} {low:.3g} .. {high:.3g}" for n, (low, high) in self.reached.items())
+        reach = ", ".join(
+            f"{n} {low:.3g} .. {high:.3g}" for n, (low, high) in self.kept.reached.items()
+        )
         return [*sentences, f"Reached in that run (rad or m): {reach}."]
 
 
@@ -175,17 +157,18 @@ def safe_excitation(
         if not any(course.centre for course in courses.values()):
             bench.require_held(trouble)
         _shrink(mechanism, courses, trouble)
-    commands = [
-        SafeCommand(
-            mechanism.actuators[i].column,
-            c.factor,
-            c.shift + c.factor * c.balance,
-            c.reasons(),
+    commands = tuple(
+        CommandKept(
+            column=mechanism.actuators[i].column,
+            factor=c.factor,
+            shift=c.shift + c.factor * c.balance,
+            why=c.reasons(),
         )
         for i, c in courses.items()
-    ]
+    )
     signals = {mechanism.actuators[i].column: c.sent() for i, c in courses.items()}
-    return SafeExcitation({**columns, **signals}, tuple(commands), bench.limits(), reached)
+    kept = LimitsKept(checked=bench.limits(), commands=commands, reached=reached)
+    return SafeExcitation({**columns, **signals}, kept)
 
 
 # ---- what is changed -----------------------------------------------------------------------------
