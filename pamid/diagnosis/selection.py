@@ -88,7 +88,8 @@ def select_effects(
     responses: ScreenedResponses | None = None
     while True:
         if steps[-1].tied:
-            extended = with_finer_steps(search, steps[-1].tied[0])
+            # Only at their final steps do small shares show which ports need the effect.
+            extended = reduce(with_finer_steps(search, steps[-1].tied[0]))
             # Greedy selection may have begun with an effect that two later ones replace. Backward
             # elimination corrects this.
             shorter = _needed_effects(search, comparison, extended)
