@@ -1,6 +1,6 @@
 """Effects added step by step, with made-up losses in the place of refits."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any, cast
@@ -56,6 +56,7 @@ class Bench:
     guards: Objecting = field(default_factory=Objecting)
     refitted: list[str] = field(default_factory=list)
     candidates: list[Addition] = field(default_factory=list)
+    finer: Callable[[CandidateModel], CandidateModel] = lambda c: c
 
     def made(self, names: Sequence[str]) -> CandidateModel:
         shares = {frozenset(key): share for key, share in self.shares.items()}
@@ -77,7 +78,7 @@ class Bench:
         for name, fake in (
             ("refitted_with", refitted_with),
             ("_larger", larger),
-            ("with_finer_steps", lambda search, c: c),
+            ("with_finer_steps", lambda search, c: self.finer(c)),
             ("locate", lambda *_, **__: NOWHERE),
             ("responses_of", lambda *_: None),
         ):
@@ -109,6 +110,18 @@ def test_a_single_effect_that_explains_the_gap_ends_the_search(monkeypatch):
     found = bench.selected(monkeypatch)
     assert names_of(found.best) == ["friction"] and len(found.steps) == 1
     assert found.without[found.best.attached[0].label].label == "baseline"
+
+
+def test_ports_are_dropped_at_the_final_integration_steps(monkeypatch):
+    """Coarse steps move the shares by some percent, which would keep a port that adds nothing."""
+    finer, fewer = leaving(0.12, "friction", parameters=2), leaving(0.12, "friction")
+
+    def with_needed_ports(search: Any, found: Any, whole: CandidateModel) -> CandidateModel:
+        return fewer if whole is finer else whole
+
+    monkeypatch.setattr(selection_module, "with_needed_ports", with_needed_ports)
+    bench = Bench({("friction",): 0.1}, finer=lambda c: finer)
+    assert bench.selected(monkeypatch).best is fewer
 
 
 def test_a_second_effect_is_added_where_much_remains(monkeypatch):
