@@ -178,7 +178,7 @@ def _signals(request: ExcitationArguments) -> PlannedExcitation:
         **({"coverage": alone["coverage"]} if alone else {}),
     }
     if safe is not None:
-        about["limits"] = safe.kept.as_json()
+        about["limits"] = safe.limits.as_json()
     return PlannedExcitation({**held, **columns}, about, lines, meta, shown)
 
 
@@ -204,7 +204,7 @@ def _reach(
     safe: SafeExcitation | None, column: str, centre: float, amplitude: float
 ) -> tuple[float, float]:
     """Lowest and highest value of a column after the limits were applied."""
-    for command in safe.kept.commands if safe else ():
+    for command in safe.limits.commands if safe else ():
         if command.column == column:
             centre, amplitude = centre + command.shift, command.factor * amplitude
     return centre - amplitude, centre + amplitude

@@ -81,7 +81,7 @@ def test_what_keeps_all_limits_is_sent_as_it_is(tmp_path):
     sent = drawn(sizes=(0.1, 0.1))
     sent["m2_command_rad"] = sent["m2_command_rad"] + 0.5 * (sent["m2_command_rad"] != 0.0)
     made = within_limits(arm(tmp_path), sent, PERIOD_S, centres={"m2_command_rad": 0.5})
-    assert made is not None and not any(one.changed for one in made.kept.commands)
+    assert made is not None and not any(one.changed for one in made.limits.commands)
     assert all(np.array_equal(made.columns[c], sent[c]) for c in COLUMNS)
     assert "It is within all limits without changes." in made.sentences()
 
@@ -91,14 +91,14 @@ def test_ranges_move_positions_and_shrink_torques(tmp_path):
     assert run(path, sent)[0][:, 0].max() > 0.35 and run(path, sent)[0][:, 1].min() < -0.2
     made = within_limits(path, sent, PERIOD_S)
     assert made is not None
-    motor, servo = made.kept.commands
+    motor, servo = made.limits.commands
     assert motor.factor < 1.0 and "joint shoulder would leave -1.5 .. 0.35 at" in motor.why[-1]
     assert servo.shift > 0.1 and servo.factor == 1.0
     q = run(path, dict(made.columns))[0]
     assert q[:, 0].min() >= -1.5 and q[:, 0].max() <= 0.35
     assert q[:, 1].min() >= -0.2 and q[:, 1].max() <= 2.4
     np.testing.assert_allclose(
-        made.kept.reached["elbow"], (q[:, 1].min(), q[:, 1].max()), atol=1e-9
+        made.limits.reached["elbow"], (q[:, 1].min(), q[:, 1].max()), atol=1e-9
     )
     # the signals are still each its own
     inner = [made.columns[c][200:] for c in COLUMNS]
@@ -109,9 +109,9 @@ def test_forces_are_never_asked_for_beyond_their_range(tmp_path):
     path, sent = arm(tmp_path, force='forcerange="-3 3"'), drawn()
     assert np.abs(run(path, sent)[1][:, 1]).max() == 3.0  # clipped
     made = within_limits(path, sent, PERIOD_S)
-    assert made is not None and made.kept.commands[1].factor < 1.0
+    assert made is not None and made.limits.commands[1].factor < 1.0
     assert any(
-        "m2 would have to exert more than -3 .. 3" in why for why in made.kept.commands[1].why
+        "m2 would have to exert more than -3 .. 3" in why for why in made.limits.commands[1].why
     )
     assert np.abs(run(path, dict(made.columns))[1][:, 1]).max() < 3.0
 
@@ -121,7 +121,7 @@ def test_bodies_do_not_touch(tmp_path):
     assert run(path, sent)[2] >= {"post"}
     made = within_limits(path, sent, PERIOD_S)
     assert made is not None and run(path, dict(made.columns))[2] == set()
-    assert any("post would touch" in why for one in made.kept.commands for why in one.why)
+    assert any("post would touch" in why for one in made.limits.commands for why in one.why)
 
 
 def test_bodies_that_touch_at_the_start_may_go_on(tmp_path):
@@ -132,7 +132,7 @@ def test_bodies_that_touch_at_the_start_may_go_on(tmp_path):
     assert data.ncon
     made = within_limits(path, drawn(4.0, (0.05, 0.05)), PERIOD_S)
     assert made is not None and not any(
-        "touch" in why for one in made.kept.commands for why in one.why
+        "touch" in why for one in made.limits.commands for why in one.why
     )
 
 
@@ -143,10 +143,10 @@ def test_a_urdfs_speed_and_effort(tmp_path, speed):
     sent = {"pivot_1_torque_nm": aprbs(6.0, PERIOD_S, 2.0, seed=1)}
     made = within_limits(path, sent, PERIOD_S)
     assert made is not None
-    limited = any("pivot_1 would exceed 1.2 rad/s" in why for why in made.kept.commands[0].why)
+    limited = any("pivot_1 would exceed 1.2 rad/s" in why for why in made.limits.commands[0].why)
     assert limited == (speed > 0.0)  # 0 is what tools write for "not known"
     other = within_limits(path, sent, PERIOD_S, speed_limits={"pivot_1": 0.6})
-    assert other is not None and other.kept.commands[0].factor < made.kept.commands[0].factor
+    assert other is not None and other.limits.commands[0].factor < made.limits.commands[0].factor
     path.write_text(LEVER.format(speed=0))
     heavy = {"pivot_1_torque_nm": 12.0 * np.sign(sent["pivot_1_torque_nm"])}
     kept = within_limits(path, heavy, PERIOD_S)

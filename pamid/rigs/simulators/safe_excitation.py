@@ -36,12 +36,12 @@ class SafeExcitation:
     """
 
     columns: dict[str, Array]
-    kept: LimitsKept
+    limits: LimitsKept
 
     def sentences(self) -> list[str]:
         """Changes of the excitation, and the reach of the run with them."""
-        sentences = [f"Tried on the model first. Checked: {'; '.join(self.kept.checked)}."]
-        for command in self.kept.commands:
+        sentences = [f"Tried on the model first. Checked: {'; '.join(self.limits.checked)}."]
+        for command in self.limits.commands:
             if command.changed:
                 moved = f"its centre moved by {command.shift:.4g}" if command.shift else ""
                 scaled = (
@@ -49,10 +49,10 @@ class SafeExcitation:
                 )
                 done = " and ".join(part for part in (moved, scaled) if part)
                 sentences.append(f"{command.column}: {done}; reason: {'; '.join(command.why)}.")
-        if not any(command.changed for command in self.kept.commands):
+        if not any(command.changed for command in self.limits.commands):
             sentences.append("It is within all limits without changes.")
         reach = ", ".join(
-            f"{n} {low:.3g} .. {high:.3g}" for n, (low, high) in self.kept.reached.items()
+            f"{n} {low:.3g} .. {high:.3g}" for n, (low, high) in self.limits.reached.items()
         )
         return [*sentences, f"Reached in that run (rad or m): {reach}."]
 
@@ -167,8 +167,8 @@ def safe_excitation(
         for i, c in courses.items()
     )
     signals = {mechanism.actuators[i].column: c.sent() for i, c in courses.items()}
-    kept = LimitsKept(checked=bench.limits(), commands=commands, reached=reached)
-    return SafeExcitation({**columns, **signals}, kept)
+    limits = LimitsKept(checked=bench.limits(), commands=commands, reached=reached)
+    return SafeExcitation({**columns, **signals}, limits)
 
 
 # ---- what is changed -----------------------------------------------------------------------------
