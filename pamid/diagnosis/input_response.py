@@ -60,13 +60,14 @@ def silent_channels(
 
     All of them where the model explains none, unless an input clearly responds: then the machine is
     there, and its model is wrong. Of several, those that neither follow the inputs nor are at their
-    noise floor.
+    noise floor. A regression that misses the inputs in every channel that the model explains too,
+    as on an arm under gravity, says nothing about the others.
     """
     names = np.array(budget.model.evidence.channels)
     if not explained.any():
         wrong_model = response is not None and response.is_clear and not response.is_reversed
         return () if wrong_model else tuple(names)
-    if response is None:
+    if response is None or response.absent[explained].all():
         return ()
     far = seen_mean(model.absolutes) > budget.settings.naive_near_floor * seen_mean(budget.floor)
     silent = ~explained & response.absent & far
