@@ -114,7 +114,12 @@ def answer(
         verdict = "partly-explained" if rest else "explained"
     # A share off zero that misses the required certainty is neither a cause nor proof of a
     # complete model.
-    elif leader is not None and _is_open(comparison, leader):
+    elif (
+        leader is not None
+        and (removed := comparison.removed(leader)).share >= settings.material_share
+        and removed.low > 0.0
+        and removed.z < settings.standard_errors
+    ):
         verdict = "cannot-tell"
     # A curve at a port absorbs more than any equation of the catalogue: a cause exists, without a
     # name.
@@ -139,15 +144,6 @@ def _same_effect(candidate_model: CandidateModel, other: CandidateModel) -> bool
     return names == {a.effect.name for a in other.attached} or families_of(
         candidate_model
     ) == families_of(other)
-
-
-def _is_open(comparison: Comparison, leader: CandidateModel) -> bool:
-    """Whether the leader's share is material with an interval off zero, at too few standard
-    errors."""
-    settings, removed = comparison.budget.settings, comparison.removed(leader)
-    return removed.share >= settings.material_share and (
-        removed.low > 0.0 and removed.z < settings.standard_errors
-    )
 
 
 def _cause(

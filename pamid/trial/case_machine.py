@@ -165,11 +165,10 @@ class CaseMachine:
 
         Both machines get the same commands, as both models of a comparison do: under a controller
         an effect would show in the commands instead."""
-        healthy = self._healthy
-        was = healthy if others is None else self._run(others, HELD_OUT, self._commands)
+        was = self._healthy if others is None else self._run(others, HELD_OUT, self._commands)
         now = self._run(faults, HELD_OUT, self._commands)
         apart = [
-            float(np.mean((now[k] - was[k]) ** 2)) / max(float(np.var(healthy[k])), 1e-24)
+            float(np.mean((now[k] - was[k]) ** 2)) / max(float(np.var(self._healthy[k])), 1e-24)
             for k in self.readings
         ]
         return float(np.sqrt(np.mean(apart)))

@@ -89,7 +89,15 @@ def notes_of(d: Diagnosis) -> list[str]:
         by_reason.setdefault(reason, []).append(label)
     return [
         *filter(None, [rig.form_note]),
-        *_signs(d),
+        *driving_words(rig),
+        *(
+            f"{c.attached[-1].label} vanishes in the fit, but with the opposite sign it removes "
+            f"{100.0 * removed:.0f} % of the error. Check the sign of port "
+            f"{c.attached[-1].ports[0]} against its position and velocity: a force that opposes "
+            "the motion must lower the value there. If the port reads a reaction, pass its "
+            "negative."
+            for c, removed in d.opposite[:1]
+        ),
         *_unused(d),
         *(f"{text}. {IDLE_CURE}" for text in idle_inputs(final, e.channels, e.noise)),
         *_instead(d),
@@ -127,16 +135,6 @@ def unexplained(reached: Mapping[str, Reach]) -> list[str]:
         and reach.noise_floor is not None
         and reach.mae_with_cause > UNEXPLAINED_ERROR * reach.mae_data_sheet
         and reach.mae_with_cause > ABOVE_NOISE * reach.noise_floor
-    ]
-
-
-def _signs(d: Diagnosis) -> list[str]:
-    return driving_words(d.evidence.rig) + [
-        f"{c.attached[-1].label} vanishes in the fit, but with the opposite sign it removes "
-        f"{100.0 * removed:.0f} % of the error. Check the sign of port {c.attached[-1].ports[0]} "
-        "against its position and velocity: a force that opposes the motion must lower the value "
-        "there. If the port reads a reaction, pass its negative."
-        for c, removed in d.opposite[:1]
     ]
 
 
