@@ -13,14 +13,23 @@ from pamid.base.metrics import seen_mean
 from pamid.base.parallel.jobs import Work, WorkerPool
 from pamid.base.progress import Progress, Settled
 from pamid.base.units import column_size
-from pamid.diagnosis.candidate_model import CandidateModel, candidate_from, runs_of
+from pamid.diagnosis.candidate_model import (
+    REFIT_ITERATIONS,
+    REFIT_TOLERANCE,
+    CandidateModel,
+    candidate_from,
+    runs_of,
+)
 from pamid.diagnosis.settings import Settings
 from pamid.estimation.baseline_repair import WORSE
 from pamid.estimation.grey_box import GreyBox, fit_model
+from pamid.estimation.multiple_shooting import fit
+from pamid.estimation.problem import SHORTEST, Fit
 from pamid.model.bound_parameter import Sizes
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import WHOLE, Replay, noise_floors
 
+SAME_COST = 0.1  # difference of the log costs of two fits that ended alike
 HORIZONS = (8, 4, 2)  # windows that a run covers, where it cannot cover a whole recording
 
 
@@ -116,7 +125,35 @@ class _Baseline(Work[int, GreyBox]):
     progress: Progress = field(compare=False)
 
     def __call__(self, item: int) -> GreyBox:
-        return fit_model(self.evidence, seed=item, progress=self.progress)
+        """The fit over the longest windows, halved in turn, in which it is found again from the
+        data sheet; over the longest where it is found in none.
+
+        The fits of candidates begin like that. Over windows too long for the baseline they end in
+        local minima, each in another, and their costs compare those.
+        """
+        longest = model = fit_model(self.evidence, seed=item, progress=self.progress)
+        while model.fit.residuals:
+            if refound(model.fit):
+                return model
+            if 0.5 * model.fit.problem.window < SHORTEST:
+                break
+            self.progress("fitting over shorter windows")
+            shorter = replace(self.evidence, timescale_s=0.5 * model.evidence.timescale_s)
+            model = fit_model(shorter, seed=item, progress=self.progress)
+        return longest
+
+
+def refound(fitted: Fit) -> bool:
+    """Whether a fit from the data sheet, with the same states at the window starts and the same
+    weights, ends at the same cost."""
+    again = fit(
+        fitted.problem,
+        replace(fitted.end, p=fitted.problem.start(), known=fitted.known),
+        exact=False,
+        iterations=REFIT_ITERATIONS,
+        tolerance=REFIT_TOLERANCE,
+    )
+    return bool(abs(np.log(again.cost / fitted.cost)) < SAME_COST)
 
 
 def _over_horizon(model: GreyBox, seed: int, settings: Settings) -> Budget:
