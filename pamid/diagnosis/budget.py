@@ -13,23 +13,16 @@ from pamid.base.metrics import seen_mean
 from pamid.base.parallel.jobs import Work, WorkerPool
 from pamid.base.progress import Progress, Settled
 from pamid.base.units import column_size
-from pamid.diagnosis.candidate_model import (
-    REFIT_ITERATIONS,
-    REFIT_TOLERANCE,
-    CandidateModel,
-    candidate_from,
-    runs_of,
-)
+from pamid.diagnosis.candidate_model import CandidateModel, candidate_from, runs_of
 from pamid.diagnosis.settings import Settings
 from pamid.estimation.baseline_repair import WORSE
 from pamid.estimation.grey_box import GreyBox, fit_model
-from pamid.estimation.multiple_shooting import fit
-from pamid.estimation.problem import SHORTEST, Fit
+from pamid.estimation.problem import SHORTEST
+from pamid.estimation.restart import refound
 from pamid.model.bound_parameter import Sizes
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import WHOLE, Replay, noise_floors
 
-SAME_COST = 0.1  # difference of the log costs of two fits that ended alike
 HORIZONS = (8, 4, 2)  # windows that a run covers, where it cannot cover a whole recording
 
 
@@ -141,19 +134,6 @@ class _Baseline(Work[int, GreyBox]):
             shorter = replace(self.evidence, timescale_s=0.5 * model.evidence.timescale_s)
             model = fit_model(shorter, seed=item, progress=self.progress)
         return longest
-
-
-def refound(fitted: Fit) -> bool:
-    """Whether a fit from the data sheet, with the same states at the window starts and the same
-    weights, ends at the same cost."""
-    again = fit(
-        fitted.problem,
-        replace(fitted.end, p=fitted.problem.start(), known=fitted.known),
-        exact=False,
-        iterations=REFIT_ITERATIONS,
-        tolerance=REFIT_TOLERANCE,
-    )
-    return bool(abs(np.log(again.cost / fitted.cost)) < SAME_COST)
 
 
 def _over_horizon(model: GreyBox, seed: int, settings: Settings) -> Budget:

@@ -22,7 +22,7 @@ from pamid.estimation.problem import (
     free_parameters,
     most_careful,
 )
-from pamid.estimation.restart import closeness
+from pamid.estimation.restart import REFIT_ITERATIONS, REFIT_TOLERANCE, closeness
 from pamid.estimation.robust_fit import fit_robustly
 from pamid.estimation.weights import residual_weights
 from pamid.model.assembly import Assembly
@@ -32,7 +32,6 @@ from pamid.simulation.replay import Replay, replay_track, run_windows
 from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Runner
 
-REFIT_ITERATIONS, REFIT_TOLERANCE = 15, 0.02  # Gauss-Newton steps; share of the cost that ends them
 # refits with the weights of a model's residuals end where none grows by this ratio
 REWEIGHT_ROUNDS, REWEIGHT_FACTOR = 2, 1.2
 

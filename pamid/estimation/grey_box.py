@@ -27,6 +27,7 @@ from pamid.estimation.restart import (
     fit_from_draws,
     fit_from_shorter_windows,
     is_failed,
+    refound,
     reweighted,
 )
 from pamid.estimation.robust_fit import FIRST_STEPS, ROUNDS, fit_in_stages, fit_robustly
@@ -103,8 +104,8 @@ def fit_model(
     fitted = escape_local_minimum(
         fit_in_stages(problem, progress=_counting(progress)), evidence.noise
     )
-    # and a model that starts far off does not converge over windows in which it falls another way
-    if touching or not fitted.converged:
+    # and a model that starts far off is trapped by windows in which it falls another way
+    if touching or not fitted.converged or not refound(fitted):
         progress("fitting from shorter windows")
         fitted = fit_from_shorter_windows(fitted)
     if is_failed(fitted):
@@ -117,10 +118,7 @@ def fit_model(
         progress("refining the integration step")
         finer = fitted.stepping.doubled()
         fitted = escape_local_minimum(
-            fit_robustly(problem, p=fitted.p, stepping=finer)
-            if touching
-            else fit_in_stages(problem, stepping=finer),
-            evidence.noise,
+            fit_robustly(problem, p=fitted.p, stepping=finer), evidence.noise
         )
         replays, change = rechecked(assembly, fitted, held, evidence.noise)
     alone = replace(assembly, attachments=())  # a data sheet lists no effects

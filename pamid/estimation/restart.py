@@ -27,6 +27,9 @@ DRAW_STEPS = 8  # that each is given
 # of the cost, or of what another model removed of the held-out error: a fit from elsewhere that
 # reaches it shows that the old fit was a trap
 TRAPPED = 0.5
+SAME_COST = 1.1  # ratio of the costs of two fits that ended alike
+# Gauss-Newton steps of a fit that begins along another; share of the cost that ends it
+REFIT_ITERATIONS, REFIT_TOLERANCE = 15, 0.02
 PROBE_STEPS = 3  # that show whether the cost falls
 REWEIGHT_ROUNDS = 2  # of weights that follow the residuals
 
@@ -69,10 +72,10 @@ def fit_from_shorter_windows(fitted: Fit) -> Fit:
 
     A motion with contacts changes after every impact. Over a long window the misfit has a minimum
     for every order of impacts, over a short window there are few of them. An arm whose payload is
-    not in the model falls another way, and the misfit of a long window has a narrow, curved valley
-    in which the fit does not converge. Growing windows are the usual way past (Ribeiro, Tiels,
-    Umenberger, Schoen, Aguirre 2020, Automatica 121, on the smoothness of nonlinear system
-    identification).
+    not in the model falls another way. The misfit of a long window then has many minima, or a
+    narrow, curved valley in which the fit does not converge. Growing windows are the usual way past
+    (Ribeiro, Tiels, Umenberger, Schoen, Aguirre 2020, Automatica 121, on the smoothness of
+    nonlinear system identification).
     """
     problem = fitted.problem
     period = max(problem.tracks, key=len).period_s
@@ -91,6 +94,20 @@ def fit_from_shorter_windows(fitted: Fit) -> Fit:
 def closeness(fitted: Fit) -> float:
     """Minus the sum over channels of the logarithms of the residuals' sizes."""
     return float(np.log(fitted.weights.root).sum()) if fitted.residuals else -np.inf
+
+
+def refound(fitted: Fit) -> bool:
+    """Whether a fit from the data sheet, with the same states at the window starts and the same
+    weights, ends at the same cost."""
+    again = fit(
+        fitted.problem,
+        replace(fitted.end, p=fitted.problem.start(), known=fitted.known),
+        exact=False,
+        iterations=REFIT_ITERATIONS,
+        tolerance=REFIT_TOLERANCE,
+    )
+    lower, higher = sorted((again.cost, fitted.cost))
+    return higher <= SAME_COST * lower
 
 
 def is_failed(fitted: Fit) -> bool:

@@ -11,10 +11,11 @@ from virtual_recordings import virtual_recording
 from pamid.base.parallel.jobs import WorkerPool
 from pamid.base.progress import silent
 from pamid.diagnosis import budget
-from pamid.diagnosis.budget import Budget, gap_budget, refound
+from pamid.diagnosis.budget import Budget, gap_budget
 from pamid.diagnosis.pipeline import diagnose
 from pamid.diagnosis.settings import DEFAULT
 from pamid.estimation.problem import SHORTEST
+from pamid.estimation.restart import refound
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording
 from pamid.simulation.data_split import DataSplit, split_recordings
