@@ -1,5 +1,4 @@
-"""Windows over which the baseline is fitted: so short that a fit finds it again from the data
-sheet."""
+"""Fits that long windows would trap: a fit from the data sheet along their end ends elsewhere."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -14,8 +13,10 @@ from pamid.diagnosis import budget
 from pamid.diagnosis.budget import Budget, gap_budget
 from pamid.diagnosis.pipeline import diagnose
 from pamid.diagnosis.settings import DEFAULT
+from pamid.estimation.grey_box import fit_model
 from pamid.estimation.problem import SHORTEST
 from pamid.estimation.restart import refound
+from pamid.model.attachment import attach
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording
 from pamid.simulation.data_split import DataSplit, split_recordings
@@ -66,6 +67,12 @@ def swung(tmp_path_factory) -> DataSplit:
     )
     rig = rig_named(str(folder / "rig.py"))
     return split_recordings(rig, [read_recording(recording.path)], [])
+
+
+def test_a_fit_that_long_windows_would_trap_goes_on_from_shorter_windows(swung):
+    model = fit_model(swung, (attach(swung.rig, "coulomb-friction", effects()),))
+    inertia, weight, torque, _ = model.fit.p
+    assert (inertia, weight, torque) == pytest.approx((0.03, 1.2, 0.1), rel=0.01)
 
 
 def fitted(evidence: DataSplit) -> Budget:
