@@ -1,7 +1,6 @@
 """What `pamid check` says of recordings and rigs that somebody wrote from the documents alone."""
 
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,9 +8,9 @@ import pytest
 import pamid
 from pamid import Gain
 from pamid.base.errors import FileError
-from pamid.diagnosis.verdict.notes import _signs as notes_of
 from pamid.intake.checks.conformance import rig_findings
 from pamid.intake.checks.recording_quality import examine
+from pamid.model.port_guide import driving_words
 from pamid.model.registry import rig_named
 from pamid.recording.recording import Recording, match_column, recording_of
 
@@ -88,10 +87,7 @@ def test_a_port_whose_damping_drives_is_pointed_at(way, notes, tmp_path):
         time, {"position_mm": 10.0 * np.sin(4.0 * time), "force_n": 36.0 * np.cos(4.0 * time)}
     )
     assert pamid.check(made, rig=path).summary().count("increases with the velocity") == notes
-    told = notes_of(
-        SimpleNamespace(evidence=SimpleNamespace(rig=rig_named(str(path))), opposite=())
-    )
-    assert len(told) == notes
+    assert len(driving_words(rig_named(str(path)))) == notes  # as in the notes of a diagnosis
 
 
 BLIND = """
