@@ -12,8 +12,6 @@ from pamid.base.parallel.jobs import Failed, Work, WorkerPool
 from pamid.base.progress import Progress
 from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.candidate_model import (
-    REFIT_ITERATIONS,
-    REFIT_TOLERANCE,
     CandidateModel,
     known_along,
     refit,
@@ -44,7 +42,7 @@ from pamid.estimation.grey_box import (
 from pamid.estimation.lagged_linear import LaggedResponse
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit
-from pamid.estimation.restart import TRAPPED
+from pamid.estimation.restart import REFIT_ITERATIONS, REFIT_TOLERANCE, TRAPPED
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Addition, Attachment, wholes_of
 from pamid.model.bound_parameter import Range, Sizes

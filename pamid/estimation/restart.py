@@ -99,14 +99,14 @@ def closeness(fitted: Fit) -> float:
 def refound(fitted: Fit) -> bool:
     """Whether a fit from the data sheet, with the same states at the window starts and the same
     weights, ends at the same cost."""
-    again = fit(
+    repeated = fit(
         fitted.problem,
         replace(fitted.end, p=fitted.problem.start(), known=fitted.known),
         exact=False,
         iterations=REFIT_ITERATIONS,
         tolerance=REFIT_TOLERANCE,
     )
-    lower, higher = sorted((again.cost, fitted.cost))
+    lower, higher = sorted((repeated.cost, fitted.cost))
     return higher <= SAME_COST * lower
 
 

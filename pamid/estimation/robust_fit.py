@@ -68,12 +68,7 @@ def fit_robustly(
     return fitted
 
 
-def fit_in_stages(
-    problem: Problem,
-    *,
-    progress: Progress | None = None,
-    stepping: Stepping | None = None,
-) -> Fit:
+def fit_in_stages(problem: Problem, *, progress: Progress | None = None) -> Fit:
     """Fit robustly from the data sheet, with the groups of `Rig.on_request` held at first.
 
     The shape of a body can be estimated only if the simulated motion is nearly right. Without motor
@@ -86,6 +81,6 @@ def fit_in_stages(
     early = tuple(i for i in problem.free if parameters[i].key not in late)
     # with the posterior of an earlier fit, all parameters have good initial values
     if early == problem.free or problem.prior is not None:
-        return fit_robustly(problem, progress=progress, stepping=stepping)
-    first = fit_robustly(replace(problem, free=early), progress=progress, stepping=stepping)
-    return fit_robustly(problem, p=first.p, progress=progress, stepping=stepping)
+        return fit_robustly(problem, progress=progress)
+    first = fit_robustly(replace(problem, free=early), progress=progress)
+    return fit_robustly(problem, p=first.p, progress=progress)
