@@ -1,19 +1,19 @@
-"""Units of raw logs, read by pint and converted to the units of pamid's columns.
+"""Units of raw logs: their names and spellings, in terms of the units of columns.
 
-The registry is private. Angle is a dimension, so that rad/s and 1/s are different. A mark ("barg",
-"kPa(a)", "psia") distinguishes gauge and absolute pressure. An ambiguous word is refused with
-advice.
+A mark ("barg", "kPa(a)", "psia") distinguishes gauge and absolute pressure. An ambiguous word is
+refused with advice.
 """
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import re
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pamid.base.arrays import Array
 from pamid.base.errors import FileError, nearest
@@ -21,55 +21,58 @@ from pamid.base.units import NONE, Dimension, from_si, kindred_units, quantity_o
 
 STANDARD_ATMOSPHERE_KPA = 101.325
 PRESSURE_DIMENSION = unit("Pa").dimension
-_BASES = ("kilogram", "meter", "second", "ampere", "kelvin", "radian")
 
-_DEFINITIONS = """
-mega- = 1e6 = M-
-kilo- = 1e3 = k-
-hecto- = 1e2 = h-
-deci- = 1e-1 = d-
-centi- = 1e-2 = c-
-milli- = 1e-3 = m-
-micro- = 1e-6 = u-
-nano- = 1e-9 = n-
-gram = [mass] = g
-meter = [length] = m = metre
-second = [time] = s = sec
-ampere = [current] = A = amp
-kelvin = [temperature] = K
-radian = [angle] = rad
-one = 1
-percent = 0.01 = pct
-permille = 0.001
-minute = 60 * second = min
-hour = 3600 * second = h = hr
-day = 86400 * second
-hertz = 1 / second = Hz
-degree = 0.017453292519943295 * radian = deg
-gon = 0.015707963267948967 * radian
-revolution = 6.283185307179586 * radian = rev = turn
-rpm = revolution / minute = RPM
-degree_Celsius = kelvin; offset: 273.15 = degC = celsius
-fahrenheit_step = 5 / 9 * kelvin
-degree_Fahrenheit = 5 / 9 * kelvin; offset: 255.3722222222222 = degF = fahrenheit
-liter = 0.001 * meter**3 = l = L = litre
-inch = 0.0254 * meter
-foot = 0.3048 * meter = ft
-pound = 453.59237 * gram = lb = lbs
-newton = kilogram * meter / second**2 = N
-kilopond = 9.80665 * newton = kp = kgf
-pound_force = 4.4482216152605 * newton = lbf
-pascal = newton / meter**2 = Pa
-bar = 100000 * pascal
-atmosphere = 101325 * pascal = atm
-torr = 133.32236842105263 * pascal = Torr = mmHg
-psi = 6894.757293168361 * pascal
-at = 98066.5 * pascal
-joule = newton * meter = J
-watt = joule / second = W
-volt = watt / ampere = V
-ohm = volt / ampere
-"""
+#: names of a unit in logs -> its size, as a number of a unit of columns
+_NAMES: dict[str, tuple[float, str]] = {
+    "gram g": (1.0, "g"),
+    "pound lb lbs": (453.59237, "g"),
+    "meter m metre": (1.0, "m"),
+    "inch": (0.0254, "m"),
+    "foot ft": (0.3048, "m"),
+    "liter l L litre": (1.0, "l"),
+    "second s sec": (1.0, "s"),
+    "minute min": (1.0, "min"),
+    "hour h hr": (1.0, "h"),
+    "day": (24.0, "h"),
+    "hertz Hz": (1.0, "Hz"),
+    "ampere A amp": (1.0, "A"),
+    "kelvin K": (1.0, "K"),
+    "degree_Celsius degC celsius": (1.0, "degC"),
+    "degree_Fahrenheit degF fahrenheit": (1.0, "degF"),
+    "radian rad": (1.0, "rad"),
+    "degree deg": (1.0, "deg"),
+    "gon": (0.9, "deg"),
+    "revolution rev turn": (360.0, "deg"),
+    "rpm RPM": (1.0, "rpm"),
+    "one": (1.0, NONE),
+    "percent pct": (1.0, "percent"),
+    "permille": (0.1, "percent"),
+    "newton N": (1.0, "N"),
+    "kilopond kp kgf": (9.80665, "N"),
+    "pound_force lbf": (4.4482216152605, "N"),
+    "pascal Pa": (1.0, "Pa"),
+    "bar": (1.0, "bar"),
+    "atmosphere atm": (101325.0, "Pa"),
+    "torr Torr mmHg": (133.32236842105263, "Pa"),
+    "psi": (6894.757293168361, "Pa"),
+    "at": (98066.5, "Pa"),
+    "joule J": (1.0, "J"),
+    "watt W": (1.0, "W"),
+    "volt V": (1.0, "V"),
+    "ohm": (1.0, "Ohm"),
+}
+_SIZES = {name: size for names, size in _NAMES.items() for name in names.split()}
+_PREFIXES = {
+    "": 1.0,
+    **dict.fromkeys(("mega", "M"), 1e6),
+    **dict.fromkeys(("kilo", "k"), 1e3),
+    **dict.fromkeys(("hecto", "h"), 1e2),
+    **dict.fromkeys(("deci", "d"), 1e-1),
+    **dict.fromkeys(("centi", "c"), 1e-2),
+    **dict.fromkeys(("milli", "m"), 1e-3),
+    **dict.fromkeys(("micro", "u"), 1e-6),
+    **dict.fromkeys(("nano", "n"), 1e-9),
+}
 
 _COUNTS = (
     "count counts cnt cnts tick ticks inc incs increments lsb digits digit raw bits adc pulses"
@@ -87,7 +90,7 @@ _ADVICE = {
     "c": "Write degC.",
     "f": "Write degF.",
 }
-#: spelling in logs=spelling of pint, in this order
+#: spelling in logs=spelling here, in this order
 _SPELLINGS = (
     "VDC=V VAC=V °C=degC ℃=degC °F=degF °=deg µ=u μ=u Ω=ohm ²=2 ³=3 ⁻=- ¹=1 ·=* ⋅=* ×=* %=percent "
     "U/min=rpm ^=**"
@@ -190,44 +193,71 @@ def require_same_quantity(source: SourceUnit, symbol: str) -> None:
 
 
 def _measured(text: str, bare: str, pressure: str) -> SourceUnit:
-    """Factor, offset and dimension by pint, which gets only words, single-digit exponents, `*`, `/`
-    and parentheses: its parser evaluates expressions."""
-    import pint
-
-    registry, plain = _registry(), _normal(bare)
+    """The unit of a product: names, single-digit exponents, `*`, `/` and parentheses."""
+    plain = _normal(bare)
     words = [word for word in re.split(r"[\s*/()]+", plain.replace("**", "^")) if word]
     no_unit = FileError(
         f"{text!r} is not a unit.", "For example bar, kPa, deg, rad/s, N*m, 1/min.", code="unit"
     )
     if not all(_GRAMMAR.fullmatch(word.replace("^", "**")) for word in words):
         raise no_unit
+    plain = re.sub(r"(?<=\w)\s+(?=\w)|(?<=[\w)])\s*(?=\()|(?<=\))\s*(?=\w)", "*", plain)
+    # a name may be a keyword of Python, such as "as"
+    source = re.sub(r"[A-Za-z_]+", r"_\g<0>", plain.strip())
     try:
-        dimension = registry.Quantity(1.0, plain).dimensionality
-        powers = tuple(
-            int(dimension.get(base, 0))
-            for base in ("[mass]", "[length]", "[time]", "[current]", "[temperature]", "[angle]")
-        )
-        si = "*".join(
-            f"{base}**{power}" for base, power in zip(_BASES, powers, strict=True) if power
-        )
-        offset, step = (
-            float(registry.Quantity(value, plain).to(si).magnitude) for value in (0.0, 1.0)
-        )
-    except pint.UndefinedUnitError as error:
-        names = error.unit_names
-        wrong = names if isinstance(names, str) else next(iter(names))
+        tree = ast.parse(source, mode="eval").body
+        factor, dimension = _size(tree)
+        # in a product a degree is a difference
+        offset = unit(_named(tree.id[1:])[1]).offset if isinstance(tree, ast.Name) else 0.0
+    except LookupError as error:
+        wrong = error.args[0]
         hint = nearest(wrong, _names()) or "For example bar, kPa, deg, rad/s, N*m, percent."
         raise FileError(
             f"{text!r} is not a known unit: {wrong!r} is unknown.", hint, code="unit"
         ) from None
-    except Exception:  # pint raises many kinds of errors on other text
+    except (SyntaxError, ValueError, ArithmeticError, RecursionError, MemoryError):
         raise no_unit from None
-    return SourceUnit(text, step - offset, offset, powers, pressure)
+    return SourceUnit(text, factor, offset, tuple(dimension.tolist()), pressure)
+
+
+def _size(node: ast.expr) -> tuple[float, NDArray[np.int64]]:
+    """SI size and dimension of a product. LookupError for an unknown name, ValueError for what is
+    not a product."""
+    match node:
+        case ast.Constant():  # 1
+            return 1.0, np.zeros(len(PRESSURE_DIMENSION), np.int64)
+        case ast.Name():
+            count, symbol = _named(node.id[1:])
+            return count * unit(symbol).factor, np.array(unit(symbol).dimension)
+        case ast.BinOp(op=ast.Pow()):
+            size, dimension = _size(node.left)
+            power = int(ast.literal_eval(node.right))
+            return size**power, power * dimension
+        case ast.BinOp(op=ast.Mult() | ast.Div()):
+            (size, dimension), (other_size, other) = _size(node.left), _size(node.right)
+            if isinstance(node.op, ast.Mult):
+                return size * other_size, dimension + other
+            return size / other_size, dimension - other
+    raise ValueError("this is no product")
+
+
+def _named(word: str) -> tuple[float, str]:
+    """Size of a name that may have a prefix or a plural s; LookupError where there is none."""
+    for prefix, scale in _PREFIXES.items():
+        for suffix in ("", "s"):
+            name = word.removeprefix(prefix).removesuffix(suffix)
+            if word != prefix + name + suffix or (suffix and len(name) == 1):
+                continue
+            if name in _SIZES:
+                count, symbol = _SIZES[name]
+                if prefix and unit(symbol).offset:
+                    raise ValueError(f"{symbol} takes no prefix")
+                return scale * count, symbol
+    raise LookupError(word)
 
 
 def _normal(text: str) -> str:
-    """Unit symbol in pint's grammar: "Nm" is N*m, "m/s2" is m/s**2, a degree in a product is a
-    difference."""
+    """Unit symbol as Python writes a product: "Nm" is N*m, "m/s2" is m/s**2."""
     for spelling in _SPELLINGS.split():
         written, meant = spelling.split("=")
         text = text.replace(written, meant)
@@ -238,27 +268,9 @@ def _normal(text: str) -> str:
             text = re.sub(rf"\b{word}\b", small, text)
     text = re.sub(r"\b(k|m|c)?N([cm]?m)\b", r"\1N*\2", text)
     text = re.sub(r"([A-Za-z])(-?[1-9])\b", r"\1**\2", text)
-    if re.search(r"[\s*/]", text):
-        text = re.sub(
-            r"\bdeg([CF])\b", lambda m: "kelvin" if m[1] == "C" else "fahrenheit_step", text
-        )
     return text or "one"
 
 
-@lru_cache(maxsize=1)
-def _registry() -> Any:
-    import pint
-
-    registry: Any = pint.UnitRegistry(None)
-    registry.load_definitions(_DEFINITIONS.strip().splitlines())
-    return registry
-
-
 def _names() -> list[str]:
-    """Words of the definitions, for suggestions."""
-    words = [
-        name.strip()
-        for line in _DEFINITIONS.strip().splitlines()
-        for name in re.sub(";[^=]*", "", line).split("=")
-    ]
-    return [*_PREFIXED.split(), *(name for name in words if re.fullmatch(r"[A-Za-z_]+", name))]
+    """Names of units, for suggestions."""
+    return [*_PREFIXED.split(), *_SIZES]
