@@ -105,7 +105,6 @@ class Coverage:
     library_condition: float | None
     even_condition: float | None
     changes: Changes | None
-    bandwidth_hz: float | None = None
 
     def sentences(self) -> tuple[str, ...]:
         """Coverage and blind spots of the signal, as sentences."""
@@ -167,12 +166,6 @@ class Coverage:
                 "Cannot show: effects in the "
                 f"{1 - self.visited:.0%} of the range that the signal does not visit."
             )
-        if self.bandwidth_hz is not None and self.band_20db_hz[1] < self.bandwidth_hz:
-            blind.append(
-                f"Cannot show: dynamics between {self.band_20db_hz[1]:.2g} and "
-                f"{self.bandwidth_hz:.2g} Hz; hold the "
-                "levels for a shorter time or let them change faster."
-            )
         if self.steps < 20:
             blind.append(
                 "Hardly shows: anything that varies from step to step; there are only "
@@ -197,7 +190,6 @@ def aprbs(
     rate_limit: float | None = None,
     seed: int | Sequence[int] = 0,
     offset: float = 0.0,
-    latin: bool = True,
     rest: float = 0.0,
 ) -> Array:
     """Amplitude-modulated pseudo-random binary signal (APRBS).
@@ -212,13 +204,11 @@ def aprbs(
         Shortest and longest time at a level, s, drawn uniformly; the end cuts the last hold.
     levels
         Number of equidistant levels (2 or more), each as often as the others. None: as many levels
-        as holds.
+        as holds, spread by a Latin hypercube.
     rate_limit
         Largest slope, units per second. None: jumps.
     seed
         The same seed gives the same signal.
-    latin
-        Spread free levels by a Latin hypercube; else independent uniform draws.
     rest
         Level at which the signal starts and stays for the shortest hold.
 
@@ -254,12 +244,10 @@ def aprbs(
                 deck = np.roll(deck, 1)
             order = np.concatenate([order, deck])
         heights = np.linspace(-1.0, 1.0, levels)[order[:holds]]
-    elif latin:
+    else:
         # a level in each of `holds` equal parts of the range, in random order (McKay, Beckman and
         # Conover 1979, Technometrics 21(2)): even a short signal leaves no part of the range out
         heights = 2.0 * (random.permutation(holds) + random.random(holds)) / holds - 1.0
-    else:
-        heights = random.uniform(-1.0, 1.0, holds)
     values = np.repeat(offset + amplitude * heights, lengths)
     signal = np.concatenate([np.full(begin, rest), values])[:count]
     return signal if rate_limit is None else slew(signal, rate_limit * period_s)
@@ -270,7 +258,6 @@ def coverage(
     period_s: float,
     *,
     span: tuple[float, float] | None = None,
-    bandwidth_hz: float | None = None,
 ) -> Coverage:
     """Coverage of amplitude and frequency by a signal.
 
@@ -282,8 +269,6 @@ def coverage(
         Sampling period, s.
     span
         Range to cover. Default: the extremes of the signal.
-    bandwidth_hz
-        Highest frequency of interest, Hz.
 
     Raises
     ------
@@ -346,7 +331,6 @@ def coverage(
         library_condition=_condition(library),
         even_condition=_condition(library[:, ::2]),
         changes=changes,
-        bandwidth_hz=bandwidth_hz,
     )
 
 
