@@ -243,16 +243,14 @@ def divided_name(name: str) -> str:
     return with_unit(stem, meant) if named and not unnamed else ""
 
 
-def check_named_unit(what: str, name: str, symbol: str) -> None:
-    """FileError where a name ends in a unit and `symbol`, stated in addition, differs.
-
-    what: leads the message, such as "parameter".
-    """
+def check_named_unit(name: str, symbol: str) -> None:
+    """FileError where a parameter's name ends in a unit and `symbol`, stated in addition,
+    differs."""
     stem, written = split_column(name)
     if written == NONE or _same_size(written, symbol or NONE):
         return
     raise FileError(
-        f"{what} {name!r} ends in {written!r}, but its unit is stated as {symbol or 'none'!r}",
+        f"parameter {name!r} ends in {written!r}, but its unit is stated as {symbol or 'none'!r}",
         f"Drop unit={symbol!r}, which is in the name already, or call it "
         f"{with_unit(stem, symbol)!r} or {stem!r}.",
         code="unit",

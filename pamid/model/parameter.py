@@ -111,7 +111,7 @@ class Parameter:
                 )
             return
         if self.unit and self.unit != NONE:
-            check_named_unit("parameter", self.name, self.unit)
+            check_named_unit(self.name, self.unit)
         elif not self.unit and named != NONE:
             object.__setattr__(self, "unit", named)
         if unit_of(self.unit).offset:
