@@ -9,7 +9,6 @@ worse are dropped.
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -23,7 +22,7 @@ from pamid.estimation.restart import fit_from_draws
 from pamid.estimation.robust_fit import fit_robustly
 from pamid.model.assembly import Assembly
 from pamid.model.effect import Effect
-from pamid.model.rig import Rig
+from pamid.model.rig import Rig, background_by_port, with_declared
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, replay_track
 
@@ -182,12 +181,8 @@ def rig_with_background(rig: Rig, owners: Collection[str]) -> Rig:
 def rig_without(rig: Rig, term: Effect) -> Rig:
     """A copy of the rig without this background term."""
     background = {}
-    for port, terms in rig.background.items():
-        several = terms if isinstance(terms, tuple) else (terms,)
-        left = tuple(t for t in several if t is not term)
+    for port, terms in background_by_port(rig).items():
+        left = tuple(t for t in terms if t is not term)
         if left:
             background[port] = left
-    # A copy, since the same rig object serves all assemblies of a run.
-    changed = copy.copy(rig)
-    vars(changed)["background"] = background
-    return changed
+    return with_declared(rig, background=background)

@@ -30,7 +30,7 @@ from pamid.model.bound_parameter import (
 from pamid.model.effect import Effect
 from pamid.model.executable import Executable, lane_program_of, program_of
 from pamid.model.known_bounds import CURE, KnownObjection, objection
-from pamid.model.rig import Rig
+from pamid.model.rig import Rig, background_by_port
 from pamid.model.trace import Names, Traced, trace
 
 MEMORIES = frozenset({"play", "bristle"})  # operators whose deflection only travel makes forget
@@ -95,10 +95,9 @@ class Assembly:
         """(port, place, term): a copy of every background term at every place of its port."""
         if not self.background:
             return []
-        listed = {k: v if isinstance(v, tuple) else (v,) for k, v in self.rig.background.items()}
         return [
             (name, place, term)
-            for name, terms in listed.items()
+            for name, terms in background_by_port(self.rig).items()
             for term in terms
             for place in self.rig.ports[name].places or ("",)
         ]

@@ -49,17 +49,12 @@ class Background(Effect):
             for term, tolerance in tolerances.items()
         )
 
-    def pull(self, strains: Sequence[float]) -> float:
-        """Deviation in tolerances, from those of its terms."""
-        return _largest(strains)
-
 
 def pull_of(term: Effect, strains: Sequence[float]) -> float:
-    """The same of any term: a rig's background may hold a plain effect, too."""
-    return term.pull(strains) if isinstance(term, Background) else _largest(strains)
-
-
-def _largest(strains: Sequence[float]) -> float:
+    """Deviation of a term in tolerances, from those of its parameters: of a rough curve the root
+    mean square, of any other the largest."""
+    if isinstance(term, RoughMap):
+        return float(np.sqrt(np.mean(np.square(strains))))
     return max(map(abs, strains), default=0.0)
 
 
@@ -182,10 +177,6 @@ class RoughMap(Background):
             source="read off: what the recordings reach",
         )
         self.parameters = (*self.parameters, reach)  # type: ignore[misc]
-
-    def pull(self, strains: Sequence[float]) -> float:
-        """Root mean square of the curve, in tolerances."""
-        return float(np.sqrt(np.mean(np.square(strains))))
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         x = value if self.over == "value" else getattr(at, self.over)

@@ -12,13 +12,11 @@ row is taken before: the command of the row before still acts on it.
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 
 from pamid.base.errors import FileError, nearest
-from pamid.model.parameter import Parameter
-from pamid.model.rig import Rig
+from pamid.model.rig import Rig, with_declared
 from pamid.recording.file_checks import BEFORE
 from pamid.recording.recording import Recording, match_column
 
@@ -39,9 +37,7 @@ def stated(rig: Rig, ways: Mapping[str, str]) -> Rig:
     nothing changes."""
     if all(between_of(rig, column) == way for column, way in ways.items()):
         return rig
-    changed = copy.copy(rig)
-    vars(changed)["between"] = {**rig.between, **ways}
-    return changed
+    return with_declared(rig, between={**rig.between, **ways})
 
 
 def released(rig: Rig, free: Mapping[str, float]) -> Rig:
@@ -72,7 +68,7 @@ def released(rig: Rig, free: Mapping[str, float]) -> Rig:
         for p in rig.parameters
         if p.name not in added
     ]
-    return _with_parameters(rig, (*held, *added.values()))
+    return with_declared(rig, parameters=(*held, *added.values()))
 
 
 def as_fitted(rig: Rig, keys: Collection[str]) -> Rig:
@@ -80,13 +76,7 @@ def as_fitted(rig: Rig, keys: Collection[str]) -> Rig:
     known = {p.name for p in rig.parameters}
     groups = rig.on_request.values()
     added = [p for group in groups for p in group if p.name in keys and p.name not in known]
-    return _with_parameters(rig, (*rig.parameters, *added)) if added else rig
-
-
-def _with_parameters(rig: Rig, parameters: tuple[Parameter, ...]) -> Rig:
-    changed = copy.copy(rig)
-    vars(changed)["parameters"] = parameters
-    return changed
+    return with_declared(rig, parameters=(*rig.parameters, *added)) if added else rig
 
 
 def as_recorded(rig: Rig, recordings: Iterable[Recording]) -> Rig:

@@ -18,7 +18,7 @@ from pamid.model.isolability import cut_rig
 from pamid.model.no_place import no_places
 from pamid.model.parameter import Parameter
 from pamid.model.port_guide import WIDTH, wrapped
-from pamid.model.rig import Rig
+from pamid.model.rig import Rig, background_by_port
 
 SIGN = (
     "a value is positive along the position of its port: pass the force on the moving part; an "
@@ -169,8 +169,8 @@ def _background(rig: Rig) -> tuple[result.BackgroundRow, ...]:
             terms=tuple(p.name for p in term.parameters if p.fitted),
             tolerance=term.parameters[0].spread,
         )
-        for port, listed in rig.background.items()
-        for term in (listed if isinstance(listed, tuple) else (listed,))
+        for port, terms in background_by_port(rig).items()
+        for term in terms
     )
 
 

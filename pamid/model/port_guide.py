@@ -16,7 +16,7 @@ from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments, is_home, lacking_signals
 from pamid.model.background import ORDINARY_ROUGHNESS, RoughMap
 from pamid.model.effect import Effect
-from pamid.model.rig import Port, Rig
+from pamid.model.rig import Port, Rig, background_by_port
 from pamid.model.trace import Passage
 
 WIDTH = 110
@@ -151,13 +151,12 @@ def tolerance_words(rig: Rig) -> list[str]:
     a balance as a whole."""
     mapped = mapped_ports(rig)
     if rig.background or not mapped:
-        whole = []
-        for name, stated in rig.background.items():
-            terms = stated if isinstance(stated, (list, tuple)) else [stated]
-            if _of(rig, name) and any(
-                isinstance(term, RoughMap) and term.of == "value" for term in terms
-            ):
-                whole.append(name)
+        whole = [
+            name
+            for name, terms in background_by_port(rig).items()
+            if _of(rig, name)
+            and any(isinstance(term, RoughMap) and term.of == "value" for term in terms)
+        ]
         return [
             f"the map at port {name} is a share of a balance. The balance can be near zero while "
             "its parts are large, so a rough drive looks like friction. State the map as a share "

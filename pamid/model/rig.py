@@ -28,6 +28,7 @@ straight line (a measured force, a filtered voltage) instead of being held (what
 
 from __future__ import annotations
 
+import copy
 import re
 import sys
 from collections import Counter
@@ -294,6 +295,22 @@ class Rig:
     def group_of(self, port: str) -> str:
         """The name a port is reported under."""
         return self.ports[port].group or port
+
+
+def with_declared(rig: Rig, **declared: Any) -> Rig:
+    """A copy of the rig with other declarations, as between={...}: the same rig object serves all
+    assemblies of a run."""
+    changed = copy.copy(rig)
+    vars(changed).update(declared)
+    return changed
+
+
+def background_by_port(rig: Rig) -> dict[str, tuple[Effect, ...]]:
+    """The rig's background terms; a port that declares a single term has a tuple of it."""
+    return {
+        port: tuple(terms) if isinstance(terms, tuple | list) else (terms,)
+        for port, terms in rig.background.items()
+    }
 
 
 def chain_of_links(angles: Sequence[Array], lengths: Sequence[float]) -> Array:

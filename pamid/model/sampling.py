@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
 from statistics import median
 
-from pamid.model.rig import Rig
+from pamid.model.rig import Rig, with_declared
 
 
 def stated_period(rig: Rig) -> float | None:
@@ -26,6 +25,4 @@ def as_sampled(rig: Rig, periods_s: Sequence[float]) -> Rig:
     same rig where it does, or where there is no recording."""
     if not periods_s or stated_period(rig) is not None:
         return rig
-    changed = copy.copy(rig)
-    vars(changed)["period_s"] = float(median(periods_s))
-    return changed
+    return with_declared(rig, period_s=float(median(periods_s)))

@@ -7,7 +7,6 @@ term is left out.
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -18,8 +17,7 @@ from pamid.base.errors import PamidError
 from pamid.engine.symbolic.expression import symbols
 from pamid.engine.symbolic.vocabulary import Expr
 from pamid.model.assembly import Assembly
-from pamid.model.effect import Effect
-from pamid.model.rig import Rig
+from pamid.model.rig import Rig, background_by_port, with_declared
 from pamid.model.step_rig import StepRig
 from pamid.simulation.free_runs import free_run, known_values
 from pamid.simulation.rig_data import Data
@@ -61,7 +59,7 @@ def without_idle_terms(rig: Rig, recordings: Sequence[Data]) -> tuple[Rig, tuple
     # the signal that a term is a curve over, "" where it is none
     curves = [
         (port, term.name, over if isinstance(over, str) else str(over[0]))
-        for port, terms in _listed(rig).items()
+        for port, terms in background_by_port(rig).items()
         for term in terms
         if (over := getattr(term, "over", ""))
     ]
@@ -103,15 +101,10 @@ def without_idle_terms(rig: Rig, recordings: Sequence[Data]) -> tuple[Rig, tuple
     left_out = {(term.port, term.name) for term in idle}
     background = {
         port: tuple(term for term in terms if (port, term.name) not in left_out)
-        for port, terms in _listed(rig).items()
+        for port, terms in background_by_port(rig).items()
     }
-    changed = copy.copy(rig)
-    vars(changed)["background"] = {port: terms for port, terms in background.items() if terms}
-    return changed, tuple(idle)
-
-
-def _listed(rig: Rig) -> dict[str, tuple[Effect, ...]]:
-    return {k: v if isinstance(v, tuple | list) else (v,) for k, v in rig.background.items()}
+    background = {port: terms for port, terms in background.items() if terms}
+    return with_declared(rig, background=background), tuple(idle)
 
 
 def _values(assembly: Assembly, probes: dict[str, Expr], recordings: Sequence[Data]) -> Array:

@@ -10,7 +10,6 @@ distinguished on that rig, not what becomes of a rig whose equations are wrong i
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -32,7 +31,7 @@ from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import Bound, Sizes
 from pamid.model.registry import code_files, in_catalogue, name_of, rig_named
-from pamid.model.rig import Rig
+from pamid.model.rig import Rig, with_declared
 from pamid.model.sampling import as_sampled
 from pamid.recording.recording import TIME, Recording, recording_of
 from pamid.simulation.correlation_time import timescale_of
@@ -418,8 +417,7 @@ def draw_specimen(
         symbol = split_column(name)[1]
         per_unit = float(to_si(1.0, symbol) - to_si(0.0, symbol))
         noise[name] = stated or NOISE_SHARE * float(spread) / per_unit
-    rig = copy.copy(rig)
-    vars(rig)["noise"] = noise
+    rig = with_declared(rig, noise=noise)
     values = {b.key: _drawn(b, random) for b in plain.parameters if b.fitted}
     # waves by port, over the usual range of its first signal or of its value
     waves = {}

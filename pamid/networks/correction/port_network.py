@@ -15,7 +15,6 @@ friction, at its joint: 0.10, 0.15 and 0.11, 0.11 deg (0.13), forces 3.5, 3.7 an
 
 from __future__ import annotations
 
-import copy
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -49,7 +48,7 @@ from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.model.effect import Effect
 from pamid.model.registry import all_effects, noted_rig
-from pamid.model.rig import Rig
+from pamid.model.rig import Rig, with_declared
 from pamid.networks.correction.output_network import (
     Correction,
     NetworkChoice,
@@ -290,8 +289,9 @@ class _Added(Effect):
 
 def entered(a: Assembly, entry: Entry) -> Assembly:
     """The assembly with a further input ADDED (SI), that is added at an entry."""
-    rig = copy.copy(a.rig)
-    vars(rig).update(inputs={**rig.inputs, ADDED: ""}, optional={**rig.optional, ADDED: 0.0})
+    rig = with_declared(
+        a.rig, inputs={**a.rig.inputs, ADDED: ""}, optional={**a.rig.optional, ADDED: 0.0}
+    )
     return replace(a, rig=rig, attachments=(*a.attachments, entry.attachment(_Added())))
 
 
