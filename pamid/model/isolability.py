@@ -24,6 +24,7 @@ from operator import attrgetter
 import numpy as np
 
 from pamid.base.errors import UsageError, nearest
+from pamid.base.schemas.diagnosis_file import Sensor
 from pamid.engine.symbolic.expression import symbol, symbols
 from pamid.engine.symbolic.vocabulary import Expr
 from pamid.model.effect import Effect
@@ -35,19 +36,6 @@ MOST_SENSORS = 5
 
 
 @dataclass(frozen=True)
-class Split:
-    """Gain by a further sensor (or a sensor at each place of a port).
-
-    splits  the groups that it takes apart
-    shows   port groups that become visible
-    """
-
-    sensor: str
-    splits: tuple[tuple[str, ...], ...]
-    shows: tuple[str, ...]
-
-
-@dataclass(frozen=True)
 class Isolability:
     """Structural isolability of a set of outputs; names in the order of the rig's ports.
 
@@ -55,7 +43,8 @@ class Isolability:
                    included, less what is part of a larger set; they overlap where a group has
                    ports or places in several classes
     unseen         port groups none of whose places can be checked
-    sensors        further sensors, outputs of the rig first, best first
+    sensors        further sensors (or a sensor at each place of a port), outputs of the rig first,
+                   best first
     redundancy     equations beyond the unknowns in the checked part: independent checks that the
                    outputs allow
     places         classes of port places (muscle_1) that cannot be separated where any of them is
@@ -65,7 +54,7 @@ class Isolability:
 
     groups: tuple[tuple[str, ...], ...]
     unseen: tuple[str, ...]
-    sensors: tuple[Split, ...]
+    sensors: tuple[Sensor, ...]
     redundancy: int
     places: tuple[tuple[str, ...], ...]
     unseen_places: tuple[str, ...]
@@ -282,10 +271,10 @@ def _pairs(groups: Sequence[tuple[str, ...]]) -> set[tuple[str, str]]:
     return {pair for group in groups for pair in combinations(group, 2)}
 
 
-def _splits(view: _View) -> list[Split]:
+def _splits(view: _View) -> list[Sensor]:
     """Sensors that bring something, outputs first, each kind by the pairs of port groups taken
     apart or shown."""
-    splits: list[tuple[bool, int, Split]] = []
+    splits: list[tuple[bool, int, Sensor]] = []
     for name, there in _further(view):
         apart = tuple(
             g for g in view.groups if not any(set(g) <= set(other) for other in there.groups)
@@ -293,5 +282,6 @@ def _splits(view: _View) -> list[Split]:
         shows = tuple(g for g in view.unseen if g not in there.unseen)
         if apart or shows:
             gain = len(_pairs(view.groups) - _pairs(there.groups)) + len(shows)
-            splits.append((there.outputs == view.outputs, -gain, Split(name, apart, shows)))
+            sensor = Sensor(sensor=name, splits=apart)
+            splits.append((there.outputs == view.outputs, -gain, sensor))
     return [split for *_, split in sorted(splits, key=lambda f: f[:2])[:MOST_SENSORS]]

@@ -6,9 +6,10 @@ from itertools import combinations
 
 import pytest
 
+from pamid.base.schemas.diagnosis_file import Sensor
 from pamid.engine.symbolic.vocabulary import Expr
 from pamid.model.effect import State
-from pamid.model.isolability import Isolability, Split, Structure, isolability
+from pamid.model.isolability import Isolability, Structure, isolability
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port, Rig
 from pamid.rigs.one_dof import OneDof
@@ -104,7 +105,7 @@ def test_what_lies_downstream_of_the_only_gauge_is_unseen():
     assert found.redundancy == 1
     assert found.places == (("pump", "pipe", "gauge_1"),)
     assert found.unseen == ("drain",) and found.unseen_places == ("outlet",)
-    assert found.sensors[0] == Split("level_2_m", (("pump", "pipe", "gauge"),), ("drain",))
+    assert found.sensors[0] == Sensor(sensor="level_2_m", splits=(("pump", "pipe", "gauge"),))
 
 
 # ---- the joint --------------------
@@ -212,8 +213,8 @@ def test_groups_and_sensors_of_the_joint():
     found = isolability(OneDof(), ANGLE + PRESSURES)
     air, mechanics = ("valve", "pressure", "muscle"), ("muscle", "structure", "joint")
     assert found.groups == (("command",), air, mechanics, ("sensor",))
-    assert found.sensors[0] == Split(" and ".join(FORCES), (mechanics,), ())
-    assert Split("the value at port valve", (air,), ()) in found.sensors
+    assert found.sensors[0] == Sensor(sensor=" and ".join(FORCES), splits=(mechanics,))
+    assert Sensor(sensor="the value at port valve", splits=(air,)) in found.sensors
 
 
 @pytest.mark.parametrize("port", ["valve", "joint"])

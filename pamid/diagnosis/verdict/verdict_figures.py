@@ -144,7 +144,7 @@ def _where(
         indistinguishable=tuple(map(tuple, together)),
         redundancy=isolable.redundancy,
         unseen=isolable.unseen,
-        sensors=tuple(result.Sensor(sensor=s.sensor, splits=s.splits) for s in isolable.sensors),
+        sensors=isolable.sensors,
         regimes=regimes(d.evidence, base, d.cause),
         frequency_hz=frequency_band(list(base.replays), after, d.evidence.noise),
         windows_s=worst_windows(list(base.replays), d.budget),
