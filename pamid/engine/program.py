@@ -206,7 +206,6 @@ class Program(EquationSteps):
     outputs: tuple[str, ...]
     cells: tuple[str, ...]
     delays: tuple[float, ...]
-    operations: int
     sensitive: frozenset[str]
     linear: tuple[int, ...]  # indices of inputs that are linear over a sample; others are held
     code: ProgramCode = field(repr=False)
@@ -477,7 +476,6 @@ def build_program(
         outputs,
         tuple(c.name for c in equations.cells),
         tuple(text.phases[4]),
-        text.plain.parts[1].count("\n"),
         frozenset(parameters) if sensitive is None else sensitive,
         tuple(inputs.index(n) for n in linear),
         ProgramCode(text),

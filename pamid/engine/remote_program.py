@@ -42,7 +42,6 @@ def program_data(program: SteppedProgram) -> dict[str, Any]:
         "partials": text.partials._asdict(),
         "tables": [a.states, a.inputs, a.parameters, a.outputs, a.cells],
         "delays": a.delays,
-        "operations": a.operations,
         "sensitive": sorted(a.sensitive),
         "linear": a.linear,
         "sizes": [
@@ -67,7 +66,6 @@ def rebuilt_program(data: dict[str, Any], simulator: Simulator | Carrier) -> Ste
         outputs,
         cells,
         tuple(data["delays"]),
-        data["operations"],
         frozenset(data["sensitive"]),
         tuple(data["linear"]),
         ProgramCode(texts),

@@ -99,10 +99,6 @@ class SteppedProgram:
         return self.around.parameters
 
     @property
-    def cells(self) -> tuple[str, ...]:
-        return self.around.cells
-
-    @property
     def keeps_slopes(self) -> bool:
         """See `Program`. False for hidden states, which cannot be set, and for a simulator in
         another process."""
