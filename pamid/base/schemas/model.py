@@ -125,7 +125,7 @@ def _two(value: Any) -> Any:
     return value
 
 
-def _numbers_only(value: Any, info: ValidationInfo) -> Any:
+def numbers_only(value: Any, info: ValidationInfo) -> Any:
     if info.context is None or not isinstance(value, dict):
         return value
     return {k: item for k, item in value.items() if item is not None and not isinstance(item, str)}
@@ -142,7 +142,7 @@ ListOf = Annotated[tuple[T, ...], _FailFast()]
 MapOf = Annotated[dict[Text, T], WrapValidator(_validated_items)]
 Pair = Annotated[tuple[Number, Number], BeforeValidator(_two)]
 #: of a file, texts and nulls among numbers are passed over
-NumbersOnly = BeforeValidator(_numbers_only)
+NumbersOnly = BeforeValidator(numbers_only)
 Figures = Annotated[MapOf[Number], NumbersOnly]
 
 
@@ -241,22 +241,6 @@ class Model(BaseModel):
         for part in schema.get("properties", {}).values():
             part.pop("default", None)
         return schema
-
-
-class NumbersByKey(Model):
-    """An object of numbers, of which a later version may hold more; texts are passed over."""
-
-    model_config = ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, Number] = Field(init=False)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _texts_are_passed_over(cls, data: Any, info: ValidationInfo) -> Any:
-        return _numbers_only(data, info)
-
-    def numbers(self) -> dict[str, float]:
-        """All that are there, by key."""
-        return {key: float(number) for key, number in self.as_json().items() if number is not None}
 
 
 class _Untitled(GenerateJsonSchema):

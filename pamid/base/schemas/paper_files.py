@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, ClassVar
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 
 from pamid.base.schemas.diagnosis_file import Cause
 from pamid.base.schemas.estimates import PERIOD, SEED, UNIT, WHY_ENDED, WORD, Interval
@@ -17,11 +17,11 @@ from pamid.base.schemas.model import (
     MapOf,
     Model,
     Number,
-    NumbersByKey,
     Sometimes,
     Text,
     Written,
     expected,
+    numbers_only,
 )
 from pamid.base.schemas.network_file import TrainingSummary
 
@@ -40,12 +40,20 @@ class JointPlanUsed(Model):
     quick: Flag = Field(False, description=QUICK)
 
 
-class JointTwinUsed(NumbersByKey):
+class JointTwinUsed(Model):
     """The twin's hidden numbers by name with unit, and:"""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, Number] = Field(init=False)
 
     analytic_mae_without_noise: MapOf[Number] = Field(
         {}, description="by which the analytic model misses it, deg by inertia"
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _texts_are_passed_over(cls, data: Any, info: ValidationInfo) -> Any:
+        return numbers_only(data, info)
 
 
 class PaperTraining(TrainingSummary):
