@@ -40,13 +40,8 @@ LOG_MEMORY = 1024 * MIB  # that reading a raw log may take, as `pamid ingest` re
 
 #: what a killed process leaves of `temporary_of`
 TEMPORARY_NAME = re.compile(r"\..+\.([0-9]+)\.[0-9a-f]+\.tmp", re.DOTALL)
-_WORDS = (
-    (stat.S_ISDIR, "a folder"),
-    (stat.S_ISFIFO, "a pipe"),
-    (stat.S_ISSOCK, "a socket"),
-    (stat.S_ISCHR, "a device"),
-    (stat.S_ISBLK, "a device"),
-)
+#: kind of a file by the first letter of its mode
+_WORDS = {"d": "a folder", "p": "a pipe", "s": "a socket", "c": "a device", "b": "a device"}
 
 
 # ---- reading -----------------------------------------------------------------------------------
@@ -124,7 +119,7 @@ def _require_regular(path: Path, status: os.stat_result) -> None:
 
 
 def _word(status: os.stat_result) -> str:
-    return next((word for is_kind, word in _WORDS if is_kind(status.st_mode)), "something else")
+    return _WORDS.get(stat.filemode(status.st_mode)[0], "something else")
 
 
 def size_words(count: int) -> str:

@@ -7,6 +7,7 @@ TOML read as the very same text.
 
 from __future__ import annotations
 
+import json
 import re
 
 #: control characters but tab and line end, soft hyphen, marks of direction, of no width and of
@@ -29,12 +30,4 @@ def printable(text: str) -> str:
 
 def printable_json(text: str) -> str:
     """The same of JSON: it stays JSON, and holds the same."""
-
-    def written_out(match: re.Match[str]) -> str:
-        code = ord(match[0])
-        if code < 0x10000:
-            return f"\\u{code:04x}"
-        high, low = 0xD800 + (code - 0x10000 >> 10), 0xDC00 + (code - 0x10000 & 0x3FF)
-        return f"\\u{high:04x}\\u{low:04x}"
-
-    return _UNSEEN.sub(written_out, text)
+    return _UNSEEN.sub(lambda match: json.dumps(match[0])[1:-1], text)

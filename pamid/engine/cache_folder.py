@@ -19,11 +19,6 @@ def home_cache() -> Path | None:
         return None
 
 
-def user_cache() -> Path:
-    """The user's folder for caches; a private folder for this process where there is no home."""
-    return home_cache() or private_folder()
-
-
 @lru_cache(maxsize=1)
 def private_folder() -> Path:
     """An empty folder of this process alone, removed when it ends."""

@@ -25,7 +25,7 @@ import llvmlite
 import llvmlite.binding as llvm
 
 from pamid.base.trust import is_shared
-from pamid.engine.cache_folder import user_cache
+from pamid.engine.cache_folder import home_cache, private_folder
 from pamid.engine.llvm_ir import IN_PARTS
 
 _VERSION = "2"
@@ -34,9 +34,10 @@ _loaded: dict[str, llvm.ExecutionEngine] = {}
 
 
 def cache_folder() -> Path:
-    """Folder of compiled models: $PAMID_CACHE, else the user's cache folder."""
+    """Folder of compiled models: $PAMID_CACHE, else in the user's cache folder, or in a
+    private folder of this process where there is no home."""
     chosen = os.environ.get("PAMID_CACHE")
-    return Path(chosen) if chosen else user_cache() / "pamid"
+    return Path(chosen) if chosen else (home_cache() or private_folder()) / "pamid"
 
 
 def _machine(level: int, **options: str) -> llvm.TargetMachine:
