@@ -52,9 +52,7 @@ def open_data(path: str | Path, most: int) -> io.BufferedReader:
     link to a file is as good); OSError where it is missing or forbidden."""
     source = Path(path)
     _require_regular(source, os.stat(source))  # a device is not even opened
-    handle = os.open(
-        source, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
-    )
+    handle = os.open(source, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
         status = os.fstat(handle)
         _require_regular(source, status)  # whatever stands under that name by now

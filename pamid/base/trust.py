@@ -8,7 +8,9 @@ nobody else can have written them.
 
 from __future__ import annotations
 
+import grp
 import os
+import pwd
 import stat
 from pathlib import Path
 
@@ -28,11 +30,8 @@ def why_shared(path: Path) -> str:
 
     Looked at: who owns the file and its folder, who may write them, and who may write the folders
     above (a sticky folder, as /tmp, protects what lies in its subfolders, yet not what lies in
-    itself). A symbolic link counts with what it leads to. Where files have no owners (Windows)
-    nothing is found.
+    itself). A symbolic link counts with what it leads to.
     """
-    if not hasattr(os, "geteuid"):
-        return ""
     try:
         for place in dict.fromkeys((path.absolute(), path.resolve())):
             for near in (place, place.parent):
@@ -50,7 +49,7 @@ def why_shared(path: Path) -> str:
 
 def is_users_file(path: Path) -> bool:
     """Does what the path leads to belong to the user, not merely to root?"""
-    return not hasattr(os, "geteuid") or path.stat().st_uid == os.geteuid()
+    return path.stat().st_uid == os.geteuid()
 
 
 def within_home(path: Path) -> bool:
@@ -65,7 +64,7 @@ def within_home(path: Path) -> bool:
 def is_shared(status: os.stat_result) -> bool:
     """Of a file or folder by itself: does it belong to somebody else than the user or root, or may
     others write it?"""
-    return hasattr(os, "geteuid") and (_is_anothers(status) or others_may_write(status))
+    return _is_anothers(status) or others_may_write(status)
 
 
 def _is_anothers(status: os.stat_result) -> bool:
@@ -89,11 +88,8 @@ def _private_group(gid: int) -> bool:
     if gid == 0:
         return True
     try:
-        import grp
-        import pwd
-
         user, group = pwd.getpwuid(os.geteuid()), grp.getgrgid(gid)
-    except (ImportError, KeyError):
+    except KeyError:
         return False
     return (
         group.gr_name == user.pw_name and gid == user.pw_gid and set(group.gr_mem) <= {user.pw_name}

@@ -89,8 +89,8 @@ def _read(path: Path) -> bytes | None:
         _require_private(path.parent)
         # the open file is checked and read, whatever becomes of its name meanwhile; a pipe must not
         # block
-        flags = (getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
-        with os.fdopen(os.open(path, os.O_RDONLY | sum(flags)), "rb") as file:
+        flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK
+        with os.fdopen(os.open(path, flags), "rb") as file:
             status = os.fstat(file.fileno())
             if is_shared(status) or not stat.S_ISREG(status.st_mode):
                 return None

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from pamid.base.errors import DataError, PamidError
-from pamid.base.parallel.jobs import ATTEMPTS, Failed, LocalJobs, Work, WorkerPool
+from pamid.base.parallel.jobs import ATTEMPTS, Failed, Work, WorkerPool
 from pamid.base.parallel.packing import Question
 from pamid.base.parallel.result_store import Store, digest
 from pamid.model.registry import effects, rig_named
@@ -216,9 +216,7 @@ ROOTS = [2.0, 1.0, 3.0, 4.0, math.sqrt(2.0)]
 
 
 @pytest.mark.parametrize(
-    "pool",
-    [WorkerPool(), WorkerPool(2), WorkerPool(8), WorkerPool(executor=LocalJobs(3, threads=True))],
-    ids=["one", "two", "many", "threads"],
+    "pool", [WorkerPool(), WorkerPool(2), WorkerPool(8)], ids=["one", "two", "many"]
 )
 def test_results_stand_in_order_whoever_does_the_jobs(pool):
     told: list[str] = []

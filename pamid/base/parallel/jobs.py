@@ -19,14 +19,7 @@ import threading
 import traceback
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    Executor,
-    Future,
-    ProcessPoolExecutor,
-    ThreadPoolExecutor,
-    wait,
-)
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from functools import partial
@@ -226,16 +219,14 @@ def fault_text(error: Exception) -> str:
 
 @dataclass(frozen=True)
 class LocalJobs:
-    """Processes of this machine that inherit all there is, so that only results are sent; threads
-    where there are no such processes. A process that dies costs its job an attempt, and other jobs
-    no more than their time.
+    """Processes of this machine that inherit all there is, so that only results are sent. A process
+    that dies costs its job an attempt, and other jobs no more than their time.
 
     Of the jobs that were going on when a process died any may be the reason. Each of them is done
     again in a separate process.
     """
 
     count: int
-    threads: bool = "fork" not in multiprocessing.get_all_start_methods()
 
     def __call__(
         self, work: Work[T, Any], items: Sequence[T]
@@ -257,60 +248,38 @@ class LocalJobs:
     ) -> Generator[tuple[int, Packed | Failed], None, tuple[list[int], str]]:
         """Do jobs until none is left or a process dies. Returns those that were going on then, and
         how the process died."""
-        with _workers(work, items, min(count, len(todo)), self.threads) as (submit, processes):
-            busy: dict[Future[Packed | Failed], int] = {}
-            try:
-                while todo or busy:
-                    while todo and len(busy) < count:
-                        busy[submit(todo[0])] = todo[0]
-                        todo.popleft()
-                    for future in wait(busy, return_when=FIRST_COMPLETED).done:
-                        outcome = future.result()
-                        yield busy.pop(future), outcome
-            except BrokenProcessPool:
-                pass
+        context = multiprocessing.get_context("fork")
+        pool = ProcessPoolExecutor(min(count, len(todo)), context, _begin, (work, items))
+        processes: list[BaseProcess] = []
+        busy: dict[Future[Packed | Failed], int] = {}
+        try:
+            while todo or busy:
+                while todo and len(busy) < count:
+                    # A signal that comes before a process is ready would end it with this process's
+                    # answer to it.
+                    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
+                    try:
+                        busy[pool.submit(_done_here, todo[0])] = todo[0]
+                    finally:
+                        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+                        # public as `terminate_workers` from Python 3.14 on
+                        processes[:] = processes or pool._processes.values()
+                    todo.popleft()
+                for future in wait(busy, return_when=FIRST_COMPLETED).done:
+                    outcome = future.result()
+                    yield busy.pop(future), outcome
+        except BrokenProcessPool:
+            pass
+        except BaseException:
+            for process in processes:
+                process.terminate()
+            raise
+        finally:
+            pool.shutdown(cancel_futures=True)
         # how the first process ended that was not terminated from here
         codes = [p.exitcode for p in processes if p.exitcode not in (None, 0)]
         code = next((c for c in codes if c != -signal.SIGTERM), -signal.SIGTERM) or 0
         return list(busy.values()), f"signal {-code}" if code < 0 else f"exit code {code}"
-
-
-@contextlib.contextmanager
-def _workers(
-    work: Work[T, Any], items: Sequence[T], count: int, threads: bool
-) -> Iterator[tuple[Callable[[int], Future[Packed | Failed]], list[BaseProcess]]]:
-    """Those who do items by their numbers, and their processes; these end with it."""
-    processes: list[BaseProcess] = []
-    pool: Executor
-    if threads:
-        pool = ThreadPoolExecutor(count)
-        try:
-            with threadpool_limits(limits=1, user_api="blas"):
-                yield lambda i: pool.submit(packed_or_failure, work, items[i]), processes
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
-        return
-    pool = ProcessPoolExecutor(count, multiprocessing.get_context("fork"), _begin, (work, items))
-
-    def submit(number: int) -> Future[Packed | Failed]:
-        # A signal that comes before a process is ready would end it with this process's answer to
-        # it.
-        blocked = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
-        try:
-            return pool.submit(_done_here, number)
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
-            # public as `terminate_workers` from Python 3.14 on
-            processes[:] = processes or pool._processes.values()
-
-    try:
-        yield submit, processes
-    except BaseException:
-        for process in processes:
-            process.terminate()
-        raise
-    finally:
-        pool.shutdown(cancel_futures=True)
 
 
 _given: list[tuple[Work[Any, Any], Sequence[Any]]] = []  # to this process, if it does jobs

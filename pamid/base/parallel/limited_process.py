@@ -14,6 +14,7 @@ import importlib
 import json
 import math
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -21,18 +22,11 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from pamid.base.errors import FileError, PamidError
 from pamid.base.files import MIB
 from pamid.base.progress import tell
-
-resource: ModuleType | None
-try:
-    import resource
-except ModuleNotFoundError:  # Windows: no limits but that on the time that passes
-    resource = None
 
 _ANSWER, _ERRORS = "answer.json", "stderr.txt"
 _SAY_S = 0.5  # between two lines of progress
@@ -120,7 +114,7 @@ def _finished(request: bytes, folder: Path, patience: float, label: str) -> int:
 def _reason(code: int, folder: Path, limits: ProcessLimits) -> str:
     if code == _OUT_OF_MEMORY:
         return f"it needs more than {limits.memory // MIB} MiB of memory"
-    if code == -getattr(signal, "SIGXCPU", 0):
+    if code == -signal.SIGXCPU:
         return f"it took more than {limits.seconds:.0f} s of processor time"
     if code < 0:
         had = f"{limits.memory // MIB} MiB"
@@ -169,8 +163,6 @@ def _limit(seconds: float, memory: int) -> None:
     RLIMIT_DATA counts memory that is writable and private. RLIMIT_AS also counts address space that
     allocators reserve and never use, a GiB at a time, and files that are mapped to be read.
     """
-    if resource is None:
-        return
     whole = math.ceil(seconds)
     wanted = {"RLIMIT_CORE": (0, 0), "RLIMIT_CPU": (whole, whole + 5)}
     statm = Path("/proc/self/statm")
