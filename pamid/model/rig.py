@@ -226,8 +226,6 @@ class Rig:
     changeable: ClassVar[dict[str, float]] = {}
     # input for a force or torque from outside -> its usual highest value, column's unit
     external: ClassVar[dict[str, float]] = {}
-    # name of an output's rate of change, by the output without its unit
-    rate_names: ClassVar[dict[str, str]] = {"angle": "velocity", "position": "velocity"}
     # what a robot's log calls a column, and how long the vectors are that such logs hold
     log_names: ClassVar[dict[str, LogName]] = {}
     vector_sizes: ClassVar[dict[str, int]] = {}

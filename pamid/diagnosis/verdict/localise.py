@@ -35,7 +35,8 @@ from pamid.simulation.replay import Replay, run_windows
 REGIME_PORTS = ("motion", "actuator-force", "flow")
 # kinds whose value is such a signal, too, and what it is called
 VALUE_NAMES = {"flow": "flow", "actuator-force": "force"}
-
+# name of an output's rate of change, by the output without its unit
+RATE_NAMES = {"angle": "velocity", "position": "velocity"}
 
 # regimes: quantiles of a signal between which they lie; least share of the gap beyond that of the
 # time, and what a bound costs of it unless it is zero or the range's end, and a signal less plain
@@ -161,7 +162,7 @@ def measured_signals(evidence: DataSplit, r: Replay) -> dict[str, tuple[Array, s
         y = r.track.y[:, i] if r.seen[i] else r.model[:, i]
         smooth, rate = (local_parabola(y, length, period, order) for order in (0, 1))
         out[stem] = (from_si(smooth, unit), unit_label(unit))
-        out[evidence.rig.rate_names.get(stem, f"{stem}_rate")] = (
+        out[RATE_NAMES.get(stem, f"{stem}_rate")] = (
             size_from_si(rate, unit),
             rated,
         )

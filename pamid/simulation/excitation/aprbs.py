@@ -99,7 +99,6 @@ class Coverage:
     power_95_hz: float
     band_20db_hz: tuple[float, float]
     duration_s: float
-    sampling_period_s: float
     moving: bool
     crest: float
     library_condition: float | None
@@ -325,7 +324,6 @@ def coverage(
         power_95_hz=float(frequency[np.searchsorted(below, 0.95)]),
         band_20db_hz=(float(frequency[strong[0]]), float(frequency[strong[-1]])),
         duration_s=values.size * period_s,
-        sampling_period_s=period_s,
         moving=moving,
         crest=crest(values),
         library_condition=_condition(library),
