@@ -14,10 +14,9 @@ ended.
                    current on the voltage: a delay of a sampling period there comes from the log.
                    Reported if the error of the channel falls to MENDED of the error as recorded.
 
-Most refits would be in vain. If only a wrong hold is reported, an input is only tried if the error
-falls to first order (`ShortFit.first_order_errors`). Another order is only tried if the residual
-correlates with the change of the reading from row to row. A linear machine under a held input reads
-the same before and late, with slightly other parameters: then both are reported.
+Most refits of another order would be in vain: it is only tried if the residual correlates with the
+change of the reading from row to row. A linear machine under a held input reads the same before and
+late, with slightly other parameters: then both are reported.
 """
 
 from __future__ import annotations
@@ -32,7 +31,6 @@ from pamid.base.errors import PamidError
 from pamid.base.metrics import motion
 from pamid.base.schemas.check_file import BetweenSamples
 from pamid.base.units import size_from_si, split_column
-from pamid.engine.program import Program
 from pamid.engine.symbolic.expression import symbols
 from pamid.intake.checks.findings import unit_after
 from pamid.intake.checks.short_fit import FitData, FittedWindows, ShortFit, fit_data_of
@@ -53,9 +51,6 @@ MEANINGS = {
     ROW_EARLY: "is a row early (each row contains the reading of the next row)",
 }
 BETTER, SURE = 0.9, 0.7
-# share of the error, to first order, below which an input is tried. Half way to BETTER, because a
-# fit gains more than the first-order prediction.
-MAYBE_BETTER = 0.95
 # share of the error as recorded, below which another order explains it
 MENDED = 0.3
 AS_GOOD = 1.1  # times the smallest error: an equal explanation
@@ -125,11 +120,7 @@ class RowOrder:
 
 
 def compare_holds(
-    recording: Recording,
-    rig: Rig,
-    columns: Iterable[str] | None = None,
-    *,
-    screened: bool = False,
+    recording: Recording, rig: Rig, columns: Iterable[str] | None = None
 ) -> list[InputHold]:
     """Compare both holds of the recording's inputs.
 
@@ -137,8 +128,7 @@ def compare_holds(
     once a sample. A command of a controller is held, and is not tried.
 
     rig: with the values that the recording states (`as_recorded`). columns: inputs to try, by
-    default all. screened: only try inputs by which the error may fall to first order, at a fraction
-    of the cost.
+    default all.
     """
     held = {loop.command for loop in rig.loops}
     try:
@@ -162,9 +152,7 @@ def compare_holds(
         # if several fit better with the other hold, the best is corrected first, and the remaining
         # inputs are compared with this correction in place
         while True:
-            left = [c for c in names if c not in outcomes]
-            worth = _worth_trying(data, base, left) if screened else left
-            tried = [_compare_hold(data, base, c) for c in worth]
+            tried = [_compare_hold(data, base, c) for c in names if c not in outcomes]
             # a run that diverges with the other hold leaves nothing to compare
             tried = [t for t in tried if np.isfinite([t[0].rms_held, t[0].rms_linear]).all()]
             wrong = [t for t in tried if t[0].wrong]
@@ -181,7 +169,7 @@ def misstated_holds(recording: Recording, rig: Rig) -> list[InputHold]:
     """Inputs whose hold neither the rig nor the recording states, and that fit clearly better with
     the other hold."""
     unstated = [column for column in rig.inputs if column not in rig.between]
-    return [hold for hold in compare_holds(recording, rig, unstated, screened=True) if hold.wrong]
+    return [hold for hold in compare_holds(recording, rig, unstated) if hold.wrong]
 
 
 def misplaced_readings(recording: Recording, rig: Rig) -> list[RowOrder]:
@@ -266,31 +254,6 @@ def _compare_hold(
         windows=len(data.windows),
     )
     return hold, turned
-
-
-def _worth_trying(data: FitData, base: FittedWindows, columns: list[str]) -> list[str]:
-    """Inputs whose other hold would reduce the error of the fit to first order."""
-    # a single model serves all holds, because an input that does not rise over a sample is held
-    moving = stated(base.rig, dict.fromkeys(columns, LINEAR))
-    program = Assembly(moving, outputs=data.names).for_fitting().program
-    if not columns or not isinstance(program, Program):
-        return columns
-    inputs, moves = program.inputs, [program.inputs[i] for i in program.linear]
-    rises = np.diff(data.track.u, axis=0, append=data.track.u[-1:])
-    ways = [{c: between_of(base.rig, c) for c in moves}]
-    ways += [ways[0] | {c: other(ways[0][c])} for c in columns]
-    alternatives = [
-        np.column_stack(
-            [data.track.u, *(rises[:, inputs.index(c)] * (way[c] == LINEAR) for c in moves)]
-        )
-        for way in ways
-    ]
-    reached = base.problem.first_order_errors(base.point, program, alternatives)
-    return [
-        c
-        for c, error in zip(columns, reached[1:], strict=True)
-        if not error > MAYBE_BETTER * reached[0]
-    ]
 
 
 # ---- order of rows -------------------------------------------------------------------------------

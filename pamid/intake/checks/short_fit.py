@@ -10,14 +10,6 @@ The priors measure the necessary change of the data sheet.
 
 The start states are eliminated window by window (variable projection by block elimination: Golub,
 Pereyra 2003, Inverse Problems 19, R1-R26).
-
-If an input differs from that of a fit, the outputs change by d at the fitted parameters, which
-takes a single run. After parameters and start states have adapted, the error is to first order
-(`first_order_errors`)
-
-    min over (p, x_w) of  |W (r + d + A dp + B dx_w)|^2 + |(p + dp - p_sheet)/spread|^2
-
-(r, A, B: residuals and derivatives of the fit).
 """
 
 from __future__ import annotations
@@ -33,7 +25,7 @@ from numpy.typing import NDArray
 from pamid.base.arrays import Array
 from pamid.base.metrics import motion
 from pamid.engine.damped_gauss_newton import DampingRule, Iteration, LeastSquares, iterate
-from pamid.engine.program import Memory, Program, Stepping
+from pamid.engine.program import Stepping
 from pamid.engine.symbolic.expression import symbol
 from pamid.intake.checks.sheet_comparison import OPENING_SAMPLES, shapes
 from pamid.model.assembly import Assembly
@@ -367,6 +359,8 @@ class ShortFit(LeastSquares[FitPoint, Array]):
         return p, slopes
 
     def at(self, s: Array, x: Array, derivatives: bool = True) -> FitPoint:
+        """Point of scaled parameters s and start states x; its cost is infinite if the model
+        diverges."""
         trial, m = self.trial, len(s)
         n, length = self.runner.start_states, trial.windows[0].stop - trial.windows[0].start
         p, slopes = self.parameters(s)
@@ -376,84 +370,22 @@ class ShortFit(LeastSquares[FitPoint, Array]):
         gains, start_steps = np.zeros((len(x), n, m)), np.zeros((len(x), n))
         left = np.full((len(x), length, len(trial.names)), np.inf)
         for k, window in enumerate(trial.windows):
-            rows = self._weighted_rows(fresh.copy(), window, x[k], p, slopes, derivatives)
-            if rows is None:
+            memory = fresh.copy()
+            self.runner.enter(memory, x[k])
+            Y, J, fine = self.runner.run(memory, window, p, derivatives, trial.weight)
+            if not fine or derivatives and not np.isfinite(J).all():
                 return FitPoint(s, x, np.inf, H, g, gains, start_steps, np.full_like(left, np.inf))
-            A, B, r = rows
-            left[k] = r.reshape(left[k].shape)
+            left[k] = (Y - trial.track.y[window.start : window.stop]) * trial.weight
+            r = left[k].ravel()
             cost += float(r @ r)
             if not derivatives:
                 continue
+            A, B = J[:, :m] * slopes, J[:, m : m + n]
             solve = _pseudo_inverse(B)
             gains[k], start_steps[k] = -solve @ (B.T @ A), -solve @ (B.T @ r)
             H += A.T @ A + A.T @ B @ gains[k]
             g += A.T @ r + A.T @ B @ start_steps[k]
         return FitPoint(s, x, cost, H, g, gains, start_steps, left, derivatives)
-
-    def _weighted_rows(
-        self,
-        memory: Memory,
-        window: Window,
-        x: Array,
-        p: Array,
-        slopes: Array,
-        derivatives: bool = True,
-    ) -> tuple[Array, Array, Array] | None:
-        """Weighted derivatives of a window by parameters and by its start, and weighted
-        residuals.
-
-        The derivatives may be left out (empty). None if the model diverges.
-        """
-        m, n, weight = len(slopes), self.runner.start_states, self.trial.weight
-        self.runner.enter(memory, x)
-        Y, J, fine = self.runner.run(memory, window, p, derivatives, weight)
-        if not fine or derivatives and not np.isfinite(J).all():
-            return None
-        left = (Y - self.trial.track.y[window.start : window.stop]) * weight
-        if not derivatives:
-            return J, J, left.ravel()
-        return J[:, :m] * slopes, J[:, m : m + n], left.ravel()
-
-    def first_order_errors(self, at: FitPoint, program: Program, inputs: list[Array]) -> Array:
-        """Root mean square errors after parameters and start states have adapted to first order.
-
-        There is an error per alternative of `program`'s inputs. inputs: those of the track with
-        their rises; the first as in this fit.
-        """
-        runner, t = self.runner, self.trial.track
-        p, slopes = self.parameters(at.s)
-        fresh, begun = runner.memory(p), runner.assembly.start(p)
-        plain = program.memory(begun, stepping=runner.stepping, period_s=t.period_s)
-        H, g = np.eye(len(at.s)), np.tile(at.s[:, None], len(inputs))
-        reduced = []
-        for window, x in zip(self.trial.windows, at.x, strict=True):
-            rows = self._weighted_rows(fresh.copy(), window, x, p, slopes)
-            if rows is None:
-                return np.full(len(inputs), np.nan)
-            A, B, r = rows
-            seen = []
-            for u in inputs:
-                memory = plain.copy()
-                memory.x[: len(x)], memory.join = x, True
-                Y, _, _ = program.run(
-                    memory,
-                    replace(t.inputs, u=u).part(window.start, window.stop),
-                    p,
-                    stepping=runner.stepping,
-                )
-                seen.append((Y * self.trial.weight).ravel())
-            changed = r[:, None] + np.column_stack([y - seen[0] for y in seen])
-            both = np.column_stack([A, changed])
-            both -= B @ (_pseudo_inverse(B) @ (B.T @ both))
-            A, changed = both[:, : len(at.s)], both[:, len(at.s) :]
-            H += A.T @ A
-            g += A.T @ changed
-            reduced.append((A, changed))
-        if not np.isfinite(g).all():  # a window diverges
-            return np.full(len(inputs), np.nan)
-        step = -np.linalg.lstsq(H, g, rcond=None)[0]
-        left = [np.mean((changed + A @ step) ** 2, axis=0) for A, changed in reduced]
-        return np.asarray(np.sqrt(np.mean(left, axis=0)))
 
     def step(self, at: FitPoint, damping: float) -> Array | None:
         if not np.isfinite(at.cost):
