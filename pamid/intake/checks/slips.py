@@ -17,7 +17,6 @@ it nearer. Two of them are tried together if no single slip explains it.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -278,20 +277,19 @@ class Explanation:
 def judge(
     recording: Recording,
     e: SheetComparison,
-    p: Array | None = None,
     like: ShortFit | None = None,
     steps: int = JUDGING_STEPS,
 ) -> Judgement:
-    """Quality of a short fit of the rig, or of the data sheet's run if the fit fails.
+    """Quality of a short fit of the rig from the values of `e`, or of its run if the fit fails.
 
-    p: values (SI) in place of the data sheet's. like: fit to another version of the recording,
-    whose model is reused if the inputs are the same. steps: largest number of steps.
+    like: fit to another version of the recording, whose model is reused if the inputs are the same.
+    steps: largest number of steps.
     """
     rig = e.assembly.rig
     try:
         data = fit_data_of(recording, rig, WINDOW_TIMESCALES)
         if data is not None:
-            data = data if p is None else replace(data, track=replace(data.track, p=p))
+            data = replace(data, track=replace(data.track, p=e.p))
             problem = like if like and like.matches_data(data) else None
             # what every slip has to beat is the best fit of the recording as it is
             fit = data.fitted(rig, problem=problem, steps=steps, restart=like is None)
@@ -378,15 +376,12 @@ def slips_of_recording(e: SheetComparison, recording: Recording) -> Iterator[Sli
     for column, y, model in zip(outputs, e.y.T, e.model.T, strict=True):
         if min(y.min(), model.min()) < -0.02 * np.ptp(model):
             yield Slip("sign", (column,), -1.0)
-    # similar columns, and an input with any other column
-    for like in (inputs, outputs):
-        for i, j in same_quantity_columns(like):
-            yield Slip("exchanged", (like[i], like[j]))
-    every = [*inputs, *outputs]
-    for i, j in itertools.combinations(range(len(every)), 2):
-        same = quantity_of(split_column(every[i])[1]) == quantity_of(split_column(every[j])[1])
-        if i < len(inputs) and not (same and j < len(inputs)):
-            yield Slip("exchanged", (every[i], every[j]))
+    # an input with any other column, and similar outputs
+    for k, column in enumerate(inputs):
+        for other in (*inputs[k + 1 :], *outputs):
+            yield Slip("exchanged", (column, other))
+    for i, j in same_quantity_columns(outputs):
+        yield Slip("exchanged", (outputs[i], outputs[j]))
     if stated_period(e.assembly.rig) is None:
         yield from (Slip("clock", ("time_s",), factor) for factor in CLOCKS)
 
@@ -503,7 +498,7 @@ def _best(
     """
     scored = list(rivals)
     for slip, after in slips:
-        tried = slip.corrected(recording), after, after.p, before.problem
+        tried = slip.corrected(recording), after, before.problem
         # most slips are worse from the first steps on
         judgement = judge(*tried, steps=FIRST_STEPS)
         if judgement.errors.keys() != before.errors.keys() or judgement.error_ratio(before) > 1.0:
