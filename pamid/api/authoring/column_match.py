@@ -210,7 +210,7 @@ def match_columns(
         if wanted not in stated
         and not ((role == "output" or wanted in rig.ramped) and column in held)
     }
-    for wanted, column in best_pairs({pair: fit.score for pair, fit in fits.items()}).items():
+    for wanted, column in best_pairs(fits).items():
         fit = fits[wanted, column]
         assigned[wanted] = Pair(wanted, column, roles[wanted], fit.by, fit.scaled, fit.score)
     pairs = tuple(assigned[wanted] for wanted in roles if wanted in assigned)

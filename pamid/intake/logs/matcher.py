@@ -114,7 +114,7 @@ def match_channels(
                 f"Choose among them: --only {parts[0] if parts else first}",
                 code="ambiguous",
             )
-    pairs = best_pairs({pair: fit.score for pair, fit in fits.items()})
+    pairs = best_pairs(fits)
     return {
         column: (channels[pairs[column]], fits[column, pairs[column]])
         for column in _columns(rig)
@@ -133,12 +133,12 @@ def with_stand_ins(recording: Recording, rig: Rig) -> tuple[Recording, list[str]
     used = {match_column(recording.columns, column) for column in _columns(rig)}
     free = [Channel(n, values) for n, values in recording.columns.items() if n not in used]
     fits = {
-        (column, free[i].name): fit
+        (column, i): fit
         for (column, i), fit in channel_fits(free, rig).items()
         if column in lacking and fit.scale is not None
     }
-    pairs = best_pairs({pair: fit.score for pair, fit in fits.items()})
-    stand_ins = {name: (column, fits[column, name]) for column, name in pairs.items()}
+    pairs = best_pairs(fits)
+    stand_ins = {free[i].name: (column, fits[column, i]) for column, i in pairs.items()}
     columns = {}
     for name, values in recording.columns.items():
         column, fit = stand_ins.get(name, (name, NO_FIT))
@@ -184,12 +184,12 @@ def channel_fits(channels: Sequence[Channel], rig: Rig) -> dict[tuple[str, int],
     return fits
 
 
-def best_pairs(scores: Mapping[tuple[str, Candidate], float]) -> dict[str, Candidate]:
+def best_pairs(fits: Mapping[tuple[str, Candidate], ColumnFit]) -> dict[str, Candidate]:
     """Column of the rig -> candidate, each at most once. The best fits are assigned first; of equal
     fits the first candidate."""
     pairs: dict[str, Candidate] = {}
-    for (column, given), score in sorted(scores.items(), key=lambda pair: -pair[1]):
-        if score > 0.0 and column not in pairs and given not in pairs.values():
+    for (column, given), fit in sorted(fits.items(), key=lambda pair: -pair[1].score):
+        if fit.score > 0.0 and column not in pairs and given not in pairs.values():
             pairs[column] = given
     return pairs
 
