@@ -8,7 +8,7 @@ file is a FileError.
 from __future__ import annotations
 
 import tempfile
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -19,12 +19,12 @@ from pamid.base.errors import FileError, PamidError, nearest, quoted
 from pamid.base.files import LOG, MIB, open_data
 from pamid.base.npz import load_arrays
 from pamid.base.parallel.limited_process import ProcessFailure, ProcessLimits, run_limited
+from pamid.base.parallel.packing import Packed, Question
 from pamid.base.scanned import modules_of
 from pamid.intake.logs.channel_builder import ChannelBuilder, Kind
-from pamid.intake.logs.channels import Channel, Log, RobotValue
+from pamid.intake.logs.channels import Log
 from pamid.intake.logs.readers.lerobot import data_set_of
 from pamid.intake.logs.stamp_parts import join_stamp_parts
-from pamid.intake.logs.stated_period import StatedPeriod
 
 HEAD_BYTES = 4096
 #: processor time of a reader, s, and the addition for each MB of the file
@@ -246,30 +246,14 @@ def _read_in_child(path: Path, kind: str) -> Log:
                 error.message.replace(whole, str(path)), error.hint, code=error.code
             ) from error
         arrays = load_arrays(folder / "channels.npz", most=LOG)
-        channels = []
-        for index, (name, unit, stamps, robot) in enumerate(answer["channels"]):
-            values, times = arrays[f"values_{index}"], arrays[stamps] if stamps else None
-            channels.append(Channel(name, values, times, unit, robot and RobotValue(**robot)))
-        stated = answer["stated"] and StatedPeriod(**answer["stated"])
-        return Log(path, answer["kind"], tuple(channels), tuple(answer["details"]), stated=stated)
+        packed = Packed(answer["log"], tuple(arrays[f"arr_{i}"] for i in range(len(arrays))))
+        channels, details, stated = Question().unpacked(packed)
+        return Log(path, kind, channels, details, stated=stated)
 
 
 def packed_log(path: str, kind: str, folder: Path) -> dict[str, Any]:
     """Read a log, write its numbers into the folder, and return the other fields for JSON."""
     log = read_here(Path(path), kind)
-    arrays = {f"values_{index}": channel.values for index, channel in enumerate(log.channels)}
-    stamps: dict[int, str] = {}  # channels of a group share them
-    for index, channel in enumerate(log.channels):
-        if channel.stamps is not None and id(channel.stamps) not in stamps:
-            stamps[id(channel.stamps)] = f"stamps_{index}"
-            arrays[f"stamps_{index}"] = channel.stamps
-    np.savez(folder / "channels.npz", **arrays)  # type: ignore[arg-type]
-    return {
-        "channels": [
-            (c.name, c.unit, stamps.get(id(c.stamps), ""), c.robot and asdict(c.robot))
-            for c in log.channels
-        ],
-        "details": log.details,
-        "kind": log.kind,
-        "stated": log.stated and asdict(log.stated),
-    }
+    packed = Question().packed((log.channels, log.details, log.stated))
+    np.savez(folder / "channels.npz", *packed.arrays)
+    return {"log": packed.tree}
