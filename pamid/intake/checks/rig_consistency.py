@@ -255,10 +255,9 @@ def _unexplained_channels(
     moves = e.y.std(axis=0) > LEAST_MOTION * noise_level(e.y)
     missed = _relative_errors(e)
     left = np.array([judgement.errors.get(name, 0.0) for name in e.names])
-    blind = (
-        magnitude_sensor_signs(e.y, e.model) != 0.0 if e.ran else np.zeros(len(e.names), dtype=bool)
-    )
-    lost = np.flatnonzero(moves & (missed > 1.0) & (blind | (left > UNEXPLAINED_MOTION))).tolist()
+    signs = magnitude_sensor_signs(e.y, e.model) if e.ran else np.zeros(len(e.names))
+    unlike = (signs != 0.0) | (left > UNEXPLAINED_MOTION)
+    lost = np.flatnonzero(moves & (missed > 1.0) & unlike).tolist()
     if not factors and not lost:
         return []
     columns = recorded_columns(e.names, recording)
@@ -285,11 +284,10 @@ def _unexplained_channels(
     ][:MOST_NAMED_SLIPS]
     named = f": {', or '.join(parts)} would remove the difference" if parts else ""
     hint = f"Check units and signs{named}."
-    y, model = e.y[:, k : k + 1], e.model[:, k : k + 1]
-    way = float(magnitude_sensor_signs(y, model)[0]) if np.isfinite(model).all() else 0.0
-    if way:
+    if signs[k]:
+        side = "below" if signs[k] > 0.0 else "above"
         hint += (
-            f" {columns[k]} never goes {'below' if way > 0.0 else 'above'} 0, but the model does: "
+            f" {columns[k]} never goes {side} 0, but the model does: "
             "check whether its sensor measures only the magnitude."
         )
     names = tuple(columns[i] for i in shown)

@@ -91,7 +91,9 @@ def compared_with_sheet(recording: Recording, rig: Rig) -> SheetComparison:
     steps = choose_stepping(assembly, u, p, period, assembly.start(p))
     stepped = isinstance(rig, StepRig)
 
-    def finite_run(inputs: Array, values: Array, clock: float, start: Array | None) -> Array:
+    def finite_run(
+        inputs: Array, values: Array, clock: float = 1.0, start: Array | None = None
+    ) -> Array:
         """Outputs up to where they diverge."""
         inputs = np.ascontiguousarray(inputs)
         for stepping in (steps, None) if clock == 1.0 else (None,):
@@ -103,10 +105,8 @@ def compared_with_sheet(recording: Recording, rig: Rig) -> SheetComparison:
                 break
         return outputs[:, order]
 
-    def simulate(
-        inputs: Array, values: Array = p, clock: float = 1.0, start: Array | None = None
-    ) -> Array | None:
-        outputs = finite_run(inputs, values, clock, start)
+    def simulate(inputs: Array, values: Array = p, clock: float = 1.0) -> Array | None:
+        outputs = finite_run(inputs, values, clock)
         return outputs if len(outputs) == len(inputs) else None
 
     @cache
@@ -122,7 +122,7 @@ def compared_with_sheet(recording: Recording, rig: Rig) -> SheetComparison:
         return start
 
     def follow(values: Array, samples: int) -> Array | None:
-        outputs = finite_run(u[:samples], values, 1.0, shown())
+        outputs = finite_run(u[:samples], values, start=shown())
         return outputs if len(outputs) >= min(OPENING_SAMPLES, len(u)) else None
 
     outputs = simulate(u)

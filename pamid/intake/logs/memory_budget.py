@@ -25,10 +25,8 @@ FLOAT = 8  # bytes of a float64: every channel becomes float64
 class MemoryBudget:
     """Memory for the log at `path`, in bytes."""
 
-    def __init__(self, path: Path, limit: int | None = None) -> None:
-        self.path = path
-        self.limit = memory_limit() if limit is None else limit
-        self.used = 0
+    def __init__(self, path: Path) -> None:
+        self.path, self.limit, self.used = path, memory_limit(), 0
 
     def charge(self, name: str, values: int, *, raw: int = 0) -> None:
         """Reserve float64 for `values` numbers of `name`, and `raw` temporary bytes.
