@@ -381,7 +381,12 @@ class ShortFit(LeastSquares[FitPoint, Array]):
             if not derivatives:
                 continue
             A, B = J[:, :m] * slopes, J[:, m : m + n]
-            solve = _pseudo_inverse(B)
+            # pseudo-inverse of B'B with scaled columns
+            inner = B.T @ B
+            scale = np.sqrt(inner.diagonal())
+            scale[scale == 0.0] = 1.0
+            sizes = np.outer(scale, scale)
+            solve = np.linalg.pinv(inner / sizes, rcond=1e-12) / sizes
             gains[k], start_steps[k] = -solve @ (B.T @ A), -solve @ (B.T @ r)
             H += A.T @ A + A.T @ B @ gains[k]
             g += A.T @ r + A.T @ B @ start_steps[k]
@@ -414,12 +419,3 @@ class ShortFit(LeastSquares[FitPoint, Array]):
 
     def settled(self, gain: float, before: FitPoint, after: FitPoint) -> bool:
         return gain < SETTLED_GAIN * after.cost
-
-
-def _pseudo_inverse(B: Array) -> Array:
-    """Pseudo-inverse of B'B with scaled columns."""
-    inner = B.T @ B
-    scale = np.sqrt(inner.diagonal())
-    scale[scale == 0.0] = 1.0
-    root = np.linalg.pinv(inner / np.outer(scale, scale), rcond=1e-12)
-    return np.asarray(root / np.outer(scale, scale))
