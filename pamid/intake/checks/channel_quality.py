@@ -104,21 +104,17 @@ class CheckedSignal:
 
 
 def signal_of(name: str, time: Array, values: Array, sent: bool = False) -> CheckedSignal:
-    """Measure step and noise of a column; all are 0 if it is not `measurable`.
+    """Measure step and noise of a column; all are 0 if it is constant or not `measurable`.
 
     time, values: stamps (s) and readings (n,). sent: True for a command or a reference.
     """
-    if not measurable(values):
+    span = motion(values) if measurable(values) else 0.0
+    if span == 0.0:
         return CheckedSignal(name, time, values, sent, 0.0, 0.0, 0.0, False)
-    span = motion(values)
     step = 0.0 if sent else quantisation_step(values)
-    noise = float(noise_level(values[:, None])[0]) if span > 0.0 else 0.0
-    last_digit = (
-        10.0 ** (math.floor(math.log10(np.abs(values).max())) + 1 - SIGNIFICANT_DIGITS)
-        if span > 0.0
-        else 0.0
-    )
+    noise = float(noise_level(values[:, None])[0])
     noise = noise if noise > MAY_BE_NOISE * float(values.std()) else 0.0
+    last_digit = 10.0 ** (math.floor(math.log10(np.abs(values).max())) + 1 - SIGNIFICANT_DIGITS)
     white = noise > max(step, last_digit) and is_white(values)
     grain = 0.0 if sent else grain_of(values)
     return CheckedSignal(name, time, values, sent, span, step, noise, white, grain)
