@@ -16,15 +16,11 @@ References
     3.
 """
 
-from __future__ import annotations
-
 from pamid.effects.first_order_lag import FirstOrderLag
 from pamid.model.parameter import Parameter
 
 
 class AngleSensorLag(FirstOrderLag, sensor="rad"):
-    """A lag of the angle reading."""
-
     parameters = (
         Parameter.time(0.005, 0.0, 0.06, spread=0.01, tries=(0.02,)).with_source(
             "estimate: 1-20 ms"

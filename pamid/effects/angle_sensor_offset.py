@@ -18,15 +18,11 @@ References
     Systems, 5th edition, McGraw-Hill.
 """
 
-from __future__ import annotations
-
 from pamid.effects.offset import Offset
 from pamid.model.parameter import Parameter
 
 
 class AngleSensorOffset(Offset, sensor="rad"):
-    """A zero error of the angle reading."""
-
     family = "asymmetry"
     parameters = (
         Parameter(

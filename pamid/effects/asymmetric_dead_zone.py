@@ -17,8 +17,6 @@ References
     Wiley.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -32,8 +30,6 @@ ABOVE = Parameter(
 
 
 class AsymmetricDeadZone(Effect):
-    """A dead band with separate widths above and below zero."""
-
     family = "saturation"
     general_kinds = ("command", "reading")
     parameters = (

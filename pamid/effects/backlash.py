@@ -18,8 +18,6 @@ References
     Nordin, Gutman (2002), Automatica 38(10), 1633-1649.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

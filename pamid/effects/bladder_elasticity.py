@@ -22,8 +22,6 @@ References
     Actuators 6(4), 33.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number, exp, maximum, minimum
@@ -32,8 +30,6 @@ from pamid.model.parameter import Parameter
 
 
 class BladderElasticity(Effect):
-    """The pull of the rubber."""
-
     family = "stiffness"
     kinds = ()
     general_kinds = ("actuator-force",)

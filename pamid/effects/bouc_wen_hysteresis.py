@@ -18,8 +18,6 @@ References
     Hysteresis, Wiley.
 """
 
-from __future__ import annotations
-
 from typing import Any, ClassVar
 
 from pamid.effects.maxwell_slip_hysteresis import anywhere, pressed

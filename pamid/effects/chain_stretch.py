@@ -20,8 +20,6 @@ References
     Systems and Structures 23(3), 225-253.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number, lag, maximum

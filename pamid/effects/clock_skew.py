@@ -20,8 +20,6 @@ References
     synchronization: the network time protocol, IEEE Transactions on Communications 39(10).
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number, delay, maximum, rate_of, where

@@ -18,8 +18,6 @@ References
     magnet machines, IEEE Trans. Energy Conversion 15(4), 407-412.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -16,8 +16,6 @@ References
     System Identification Benchmarks, Eindhoven.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number
@@ -26,8 +24,6 @@ from pamid.model.parameter import Parameter
 
 
 class ConstantOffset(Effect):
-    """A constant force or torque."""
-
     family = "offset"
     general_kinds = ("motion",)
     parameters = (

@@ -17,8 +17,6 @@ References
     Prandtl (1928), ZAMM 8(2); Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7).
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number, stop

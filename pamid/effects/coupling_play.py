@@ -20,8 +20,6 @@ References
     Mechanism and Machine Theory 44(5).
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number, absolute, maximum, where

@@ -15,8 +15,6 @@ References
     Merritt (1967), Hydraulic Control Systems, Wiley.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number
@@ -25,8 +23,6 @@ from pamid.model.parameter import Parameter
 
 
 class CubicDrag(Effect):
-    """Drag with the cube of speed."""
-
     family = "drag"
     general_kinds = ("motion",)
     signals = ("velocity",)

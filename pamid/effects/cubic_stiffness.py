@@ -15,8 +15,6 @@ References
     Kovacic, Brennan (2011), The Duffing Equation: Nonlinear Oscillators and their Behaviour, Wiley.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.effects.linear_stiffness import REST
@@ -26,8 +24,6 @@ from pamid.model.parameter import Parameter
 
 
 class CubicStiffness(Effect):
-    """A hardening or softening spring."""
-
     family = "stiffness"
     general_kinds = ("motion",)
     signals = ("position",)

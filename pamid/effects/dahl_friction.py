@@ -17,8 +17,6 @@ References
     Solid friction damping of mechanical vibrations, AIAA Journal 14(12).
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number, bristle
@@ -27,8 +25,6 @@ from pamid.model.parameter import Parameter
 
 
 class DahlFriction(Effect):
-    """Dry friction that builds up over a distance."""
-
     family = "friction"
     general_kinds = ("motion",)
     signals = ("position",)

@@ -19,8 +19,6 @@ References
     Normey-Rico, Camacho (2007), Control of Dead-time Processes, Springer.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number, delay
@@ -38,8 +36,6 @@ SCANNED_DELAYS = (-0.01, 100, 2.0)
 
 
 class DeadTime(Effect):
-    """A transport delay."""
-
     family = "command-timing"
     families = {"reading": "sensor-dynamics"}
     kinds = ("command",)

@@ -17,8 +17,6 @@ References
     Wiley.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number, clip
@@ -27,8 +25,6 @@ from pamid.model.parameter import Parameter
 
 
 class DeadZone(Effect):
-    """A dead band about zero."""
-
     family = "saturation"
     general_kinds = ("command", "reading")
     parameters = (

@@ -16,8 +16,6 @@ References
     Dixon (2007), The Shock Absorber Handbook, 2nd edition, Wiley.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number, maximum, minimum
@@ -26,8 +24,6 @@ from pamid.model.parameter import Parameter
 
 
 class DirectionalDamping(Effect):
-    """Friction in proportion to speed, with a coefficient for each direction."""
-
     family = "friction"
     general_kinds = ("motion",)
     signals = ("velocity",)

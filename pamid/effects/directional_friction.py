@@ -18,8 +18,6 @@ References
     actuators, IEEE Int. Conf. Robotics and Automation.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -34,8 +32,6 @@ FORWARD = Parameter.level(0.03, 0.0, 1.0, name="forward", spread=0.1, tries=(0.1
 
 
 class DirectionalFriction(Effect):
-    """Dry friction with a level for each direction."""
-
     family = "friction"
     general_kinds = ("motion",)
     signals = ("position",)

@@ -15,8 +15,6 @@ References
     Hunt, Crossley (1975), J. Applied Mechanics 42(2), 440-445.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number, absolute, maximum, sign

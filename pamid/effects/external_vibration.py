@@ -16,8 +16,6 @@ References
     Bodson, Douglas (1997), Automatica 33(12), 2213-2221.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

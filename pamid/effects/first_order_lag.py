@@ -17,8 +17,6 @@ References
     3.
 """
 
-from __future__ import annotations
-
 from typing import Any, ClassVar
 
 from pamid.engine.symbolic.vocabulary import Expr, Number, lag
@@ -27,8 +25,6 @@ from pamid.model.parameter import Parameter
 
 
 class FirstOrderLag(Effect):
-    """A first-order lag."""
-
     family = "sensor-dynamics"
     families: ClassVar[dict[str, str]] = {"command": "command-timing"}
     general_kinds = ("command", "reading")

@@ -16,8 +16,6 @@ References
     Wiley, chapter 5.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number
@@ -30,8 +28,6 @@ AMBIENT = Parameter("ambient", 0.0, -1.0, 1.0, spread=0.3, size="stored").with_s
 
 
 class FirstOrderLoss(Effect):
-    """A loss in proportion to the store."""
-
     family = "leak"
     general_kinds = ("rate",)
     signals = ("stored",)

@@ -15,8 +15,6 @@ References
     ISO 6358-1:2013; Beater (2007), Pneumatic Drives, Springer.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number
@@ -25,8 +23,6 @@ from pamid.model.parameter import Parameter
 
 
 class FlowMismatch(Effect):
-    """More flow for a muscle, less for the other."""
-
     family = "flow-mismatch"
     kinds = ("flow",)
     signals = ("side",)

@@ -16,8 +16,6 @@ References
     Material Systems and Structures 23(3), 225-253.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number
@@ -26,8 +24,6 @@ from pamid.model.parameter import Parameter
 
 
 class ForceAsymmetry(Effect):
-    """A muscle stronger than its antagonist."""
-
     family = "asymmetry"
     kinds = ("actuator-force",)
     signals = ("side",)

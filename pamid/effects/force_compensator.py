@@ -15,8 +15,6 @@ References
     Operating manual of the maker's fluidic muscle with force compensator (fluidic muscle MAS).
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number

@@ -18,8 +18,6 @@ References
     technical report 2017-024.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number, absolute

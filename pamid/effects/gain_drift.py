@@ -18,8 +18,6 @@ References
     7-21.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number, exp, expression

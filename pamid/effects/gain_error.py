@@ -16,8 +16,6 @@ References
     200:2012, International Vocabulary of Metrology.
 """
 
-from __future__ import annotations
-
 from typing import Any, ClassVar
 
 from pamid.engine.symbolic.vocabulary import Expr, Number
@@ -26,8 +24,6 @@ from pamid.model.parameter import Parameter
 
 
 class GainError(Effect):
-    """A wrong scale factor."""
-
     family = "sensor-gain"
     general_kinds = ("command", "reading")
     parameters = (

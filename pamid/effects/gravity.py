@@ -17,8 +17,6 @@ References
     Springer.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number, cos, sin
@@ -27,8 +25,6 @@ from pamid.model.parameter import Parameter
 
 
 class Gravity(Effect):
-    """Torque of a weight."""
-
     family = "gravity"
     kinds = ("motion",)
     signals = ("position",)

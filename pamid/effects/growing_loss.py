@@ -18,8 +18,6 @@ References
     chapters 9, 10 and 12.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.effects.orifice_loss import LOSS, REFERENCE

@@ -18,8 +18,6 @@ References
     Schoukens (2016), Hysteretic benchmark with a dynamic nonlinearity (gamma + delta < 0).
 """
 
-from __future__ import annotations
-
 from typing import Any, ClassVar
 
 from pamid.effects.maxwell_slip_hysteresis import MaxwellSlipHysteresis

@@ -16,8 +16,6 @@ References
     Carneiro, Gomes de Almeida (2006), Proc. IMechE Part I 220, 301-314.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number

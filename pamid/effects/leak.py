@@ -17,8 +17,6 @@ References
     ISO 6358-1:2013; Beater (2007), Pneumatic Drives, Springer.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -29,8 +27,6 @@ from pamid.model.parameter import Parameter
 
 
 class Leak(Effect):
-    """A permanent loss."""
-
     family = "leak"
     kinds = ("rate",)
     signals = ("stored",)

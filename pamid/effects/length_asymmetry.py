@@ -15,8 +15,6 @@ References
     Material Systems and Structures 23(3), 225-253.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number
@@ -25,8 +23,6 @@ from pamid.model.parameter import Parameter
 
 
 class LengthAsymmetry(Effect):
-    """A muscle more contracted than its antagonist."""
-
     family = "asymmetry"
     kinds = ("actuator-force",)
     signals = ("position", "pressure", "side", "law")

@@ -16,8 +16,6 @@ References
     Den Hartog (1956), Mechanical Vibrations, 4th edition, McGraw-Hill.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number
@@ -30,8 +28,6 @@ REST = Parameter("rest", 0.0, -1.0, 1.0, spread=0.3, size="position").with_sourc
 
 
 class LinearStiffness(Effect):
-    """A spring."""
-
     family = "stiffness"
     general_kinds = ("motion",)
     signals = ("position",)

@@ -18,8 +18,6 @@ References
     Robotics and Automation.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.effects.coulomb_friction import PRESLIDING
@@ -29,8 +27,6 @@ from pamid.model.parameter import Parameter
 
 
 class LoadDependentFriction(Effect):
-    """Dry friction in proportion to the load."""
-
     family = "friction"
     general_kinds = ("motion",)
     signals = ("position", "load")

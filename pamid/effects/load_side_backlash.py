@@ -17,8 +17,6 @@ References
     Nordin, Gutman (2002), Automatica 38(10), 1633-1649.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.effects.backlash import Backlash, contact_pull
@@ -29,8 +27,6 @@ from pamid.model.parameter import Parameter
 
 
 class LoadSideBacklash(OutboardEffect):
-    """A gap between a motor and the joint that is measured."""
-
     family = "flexible-transmission"
     kinds = ("transmission",)
     signals = ("behind", "driven")

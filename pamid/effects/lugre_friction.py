@@ -17,8 +17,6 @@ References
     Canudas de Wit, Olsson, Astrom, Lischinsky (1995), IEEE Trans. Automatic Control 40(3), 419-425.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.effects.stribeck_friction import FALLING, falling_level

@@ -20,8 +20,6 @@ References
     Iwan (1966), A distributed-element model for hysteresis, J. Appl. Mech. 33(4), 893-900.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any, ClassVar
 

@@ -20,8 +20,6 @@ References
     sheet of the muscle (relaxation at most 5 %).
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number, lag

@@ -15,8 +15,6 @@ References
     200:2012, International Vocabulary of Metrology.
 """
 
-from __future__ import annotations
-
 from typing import Any, ClassVar
 
 from pamid.engine.symbolic.vocabulary import Expr, Number
@@ -25,8 +23,6 @@ from pamid.model.parameter import Parameter
 
 
 class Offset(Effect):
-    """A zero error."""
-
     family = "sensor-offset"
     families: ClassVar[dict[str, str]] = {"command": "offset"}
     general_kinds = ("command", "reading")

@@ -16,8 +16,6 @@ References
     Hunt, Crossley (1975), J. Applied Mechanics 42(2), 440-445.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.effects.end_stop import TRIED_STOPS, EndStop

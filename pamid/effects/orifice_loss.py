@@ -18,8 +18,6 @@ References
     Pneumatic Drives, Springer.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.effects.first_order_loss import AMBIENT

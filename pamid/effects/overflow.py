@@ -15,8 +15,6 @@ References
     nonlinearities, Workshop on Nonlinear System Identification Benchmarks, Brussels.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number, maximum
@@ -34,8 +32,6 @@ def tried_levels(hints: Hints) -> list[dict[str, float]]:
 
 
 class Overflow(Effect):
-    """A loss above a level."""
-
     family = "overflow"
     general_kinds = ("rate",)
     signals = ("stored",)

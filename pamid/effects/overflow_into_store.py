@@ -19,8 +19,6 @@ References
     nonlinearities, Workshop on Nonlinear System Identification Benchmarks, Brussels.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.effects.overflow import Overflow, tried_levels

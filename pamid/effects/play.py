@@ -19,8 +19,6 @@ References
     Nonlinearities, Wiley.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number, play

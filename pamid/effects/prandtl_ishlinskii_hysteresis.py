@@ -18,8 +18,6 @@ References
     vestnik - J. Mech. Eng. 63(1), 56-64.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.effects.maxwell_slip_hysteresis import pressed

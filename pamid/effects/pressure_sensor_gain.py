@@ -14,15 +14,11 @@ References
     6.
 """
 
-from __future__ import annotations
-
 from pamid.effects.gain_error import GainError
 from pamid.model.parameter import Parameter
 
 
 class PressureSensorGain(GainError, sensor="Pa"):
-    """A scale error of the pressure readings."""
-
     parameters = (
         Parameter.share("gain", 0.03, -0.15, 0.15, spread=0.03, tries=(-0.03,)).with_source(
             "estimate: 1-3 % uncalibrated"

@@ -16,15 +16,11 @@ References
     (2004), Measurement Systems: Application and Design, 5th edition, McGraw-Hill, chapter 6.
 """
 
-from __future__ import annotations
-
 from pamid.effects.first_order_lag import FirstOrderLag
 from pamid.model.parameter import Parameter
 
 
 class PressureSensorLag(FirstOrderLag, sensor="Pa"):
-    """A lag of the pressure readings."""
-
     parameters = (
         Parameter.time(0.008, 0.0, 0.08, spread=0.015, tries=(0.03,)).with_source(
             "estimate: 2-20 ms with a short sensing tube"

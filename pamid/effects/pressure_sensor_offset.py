@@ -15,15 +15,11 @@ References
     6.
 """
 
-from __future__ import annotations
-
 from pamid.effects.offset import Offset
 from pamid.model.parameter import Parameter
 
 
 class PressureSensorOffset(Offset, sensor="Pa"):
-    """A zero error of the pressure readings."""
-
     parameters = (
         Parameter(
             "level", 5.0, -40.0, 40.0, "kPa", spread=8.0, null=0.0, label="offset", tries=(-5.0,)

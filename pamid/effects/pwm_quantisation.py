@@ -22,8 +22,6 @@ References
     Trans. Power Electronics 18(1).
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import (

@@ -17,8 +17,6 @@ References
     Systems, Wiley.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number, absolute
@@ -27,8 +25,6 @@ from pamid.model.parameter import Parameter
 
 
 class QuadraticDrag(Effect):
-    """Drag with the square of speed."""
-
     family = "drag"
     general_kinds = ("motion",)
     signals = ("velocity",)

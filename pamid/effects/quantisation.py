@@ -21,8 +21,6 @@ References
     Processing, Control, and Communications, Cambridge University Press.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from dataclasses import replace
 from typing import Any
@@ -37,8 +35,6 @@ RAMP = 0.1  # of a step: within it the output climbs to the next level
 
 
 class Quantisation(Effect):
-    """Rounding to whole steps."""
-
     family = "saturation"
     general_kinds = ("command", "reading")
     parameters = (

@@ -17,8 +17,6 @@ References
     IEEE Control Systems 39(6).
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number, minimum
@@ -27,8 +25,6 @@ from pamid.model.parameter import Parameter
 
 
 class Rectification(Effect):
-    """The negative side is lost."""
-
     family = "saturation"
     general_kinds = ("command", "reading")
     parameters = (

@@ -18,8 +18,6 @@ References
     Design, McGraw-Hill.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number, maximum, minimum
@@ -28,8 +26,6 @@ from pamid.model.parameter import Parameter
 
 
 class Saturation(Effect):
-    """A limit on both sides."""
-
     family = "saturation"
     general_kinds = ("command", "reading")
     parameters = (

@@ -21,8 +21,6 @@ References
     buildings, Energy and Buildings 43(7), 1511-1522.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number

@@ -20,8 +20,6 @@ References
     30(7).
 """
 
-from __future__ import annotations
-
 from typing import Any, ClassVar
 
 from pamid.engine.symbolic.vocabulary import Expr, Number, absolute, stop
@@ -30,8 +28,6 @@ from pamid.model.parameter import Parameter
 
 
 class SignalDependentFriction(Effect):
-    """Dry friction with a constant level and a level in proportion to a signal."""
-
     family = "friction"
     general_kinds = ("motion",)
     signals = ("position", "level")

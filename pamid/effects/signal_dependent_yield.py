@@ -19,8 +19,6 @@ References
     Phenomenological model for magnetorheological dampers, J. Eng. Mech. 123(3), 230-238.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.effects.signal_dependent_friction import SignalDependentFriction

@@ -18,8 +18,6 @@ References
     Sprekels (1996), Hysteresis and Phase Transitions, Springer.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.effects.maxwell_slip_hysteresis import ELEMENTS

@@ -16,8 +16,6 @@ References
     Automatica 30(7).
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number, exp, stop

@@ -17,8 +17,6 @@ References
     Beater (2007), Pneumatic Drives, Springer; ISO 6358-1:2013.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number, maximum

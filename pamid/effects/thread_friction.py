@@ -17,8 +17,6 @@ References
     Trans. Robotics and Automation 12(1), 90-102.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.effects.maxwell_slip_hysteresis import NOMINAL_PA

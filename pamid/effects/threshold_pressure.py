@@ -16,8 +16,6 @@ References
     Martens, Boblan (2017), Actuators 6(4), 33.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number, clip

@@ -17,8 +17,6 @@ References
     Drives, Springer.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.effects.first_order_lag import FirstOrderLag
@@ -28,8 +26,6 @@ from pamid.model.parameter import Parameter
 
 
 class TubeLag(Effect):
-    """First-order lag of the flow."""
-
     family = "tube-lag"
     kinds = ("flow",)
     home_signals = ("supply",)

@@ -21,8 +21,6 @@ References
     Spong (1987), J. Dyn. Syst. Meas. Control 109(4), 310-319.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -16,8 +16,6 @@ References
     Drives, Springer.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.effects.dead_zone import DeadZone

@@ -18,8 +18,6 @@ References
     Autonomous Robots 18(2).
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -17,8 +17,6 @@ References
     Wit, Gafvert, Lischinsky (1998), European Journal of Control 4(3).
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number
@@ -27,8 +25,6 @@ from pamid.model.parameter import Parameter
 
 
 class ViscousFriction(Effect):
-    """Friction in proportion to speed."""
-
     family = "friction"
     general_kinds = ("motion",)
     signals = ("velocity",)

@@ -19,8 +19,6 @@ References
     132(2), 441-451.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number, tanh

@@ -17,8 +17,6 @@ References
     Statistical Science 11(2), 89-121.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number, expression, maximum, minimum, sign, stop

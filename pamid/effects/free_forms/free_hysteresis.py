@@ -18,8 +18,6 @@ References
     hysteresis, J. Appl. Mech. 33(4), 893-900.
 """
 
-from __future__ import annotations
-
 from typing import Any, ClassVar
 
 import numpy as np

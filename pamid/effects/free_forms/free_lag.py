@@ -18,8 +18,6 @@ References
     McGraw-Hill, chapter 3.
 """
 
-from __future__ import annotations
-
 from typing import Any, ClassVar
 
 import numpy as np

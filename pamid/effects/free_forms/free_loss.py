@@ -16,8 +16,6 @@ References
     Modeling, Analysis, Simulation, Design, Marcel Dekker.
 """
 
-from __future__ import annotations
-
 from pamid.model.free_form import QUARTERS, FreeCurve, coefficient, places, rises
 
 

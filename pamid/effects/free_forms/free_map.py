@@ -16,8 +16,6 @@ References
     of Systems with Actuator and Sensor Nonlinearities, Wiley.
 """
 
-from __future__ import annotations
-
 from pamid.model.free_form import QUARTERS, FreeCurve, coefficient, places, rises
 
 

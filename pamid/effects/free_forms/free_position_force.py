@@ -16,8 +16,6 @@ References
     Equation: Nonlinear Oscillators and their Behaviour, Wiley.
 """
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 from pamid.model.free_form import QUARTERS, FreeCurve, coefficient, places, rises

@@ -17,8 +17,6 @@ References
     Phase Transitions, Springer.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pamid.effects.free_forms.free_hysteresis import ELEMENT_NAMES, bank, loop
