@@ -30,7 +30,6 @@ from pamid.engine.symbolic.vocabulary import (
     smooth_step,
     where,
 )
-from pamid.model.effect import State
 from pamid.model.outboard import LOAD_SHARE, OutboardEffect
 from pamid.model.parameter import Parameter
 
@@ -44,10 +43,7 @@ TAKE_UP = 0.25  # of the half gap, over which the damping sets in
 class Backlash(OutboardEffect):
     """Outboard inertia behind a gap."""
 
-    family = "flexible-transmission"
-    kinds = ("transmission",)
     signals = ("inertia",)
-    states = (State("twist", "rad"), State("twisting", "rad/s"))
     parameters = (
         LOAD_SHARE,
         Parameter.width("half_gap", 0.006, 0.0005, 0.05, factor=3.0, tries=(0.02,)).with_source(

@@ -21,16 +21,12 @@ from typing import Any
 
 from pamid.effects.backlash import Backlash, contact_pull
 from pamid.engine.symbolic.vocabulary import Expr, Number
-from pamid.model.effect import State
 from pamid.model.outboard import OutboardEffect
 from pamid.model.parameter import Parameter
 
 
 class LoadSideBacklash(OutboardEffect):
-    family = "flexible-transmission"
-    kinds = ("transmission",)
     signals = ("behind", "driven")
-    states = (State("twist", "rad"), State("twisting", "rad/s"))
     parameters = (
         *Backlash.parameters,
         Parameter("motor_feedback", 0.9, 0.0, 1.0, spread=0.5, tries=(0.1,)).with_source(

@@ -25,7 +25,6 @@ import math
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import Expr, Number
-from pamid.model.effect import State
 from pamid.model.outboard import LOAD_SHARE, OutboardEffect
 from pamid.model.parameter import Parameter
 
@@ -38,10 +37,7 @@ class TwoMass(OutboardEffect):
     """Outboard inertia on a damped spring; `frequency` is its natural frequency with the joint
     held."""
 
-    family = "flexible-transmission"
-    kinds = ("transmission",)
     signals = ("inertia",)
-    states = (State("twist", "rad"), State("twisting", "rad/s"))
     parameters = (
         LOAD_SHARE,
         Parameter.positive(

@@ -27,7 +27,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pamid.base.arrays import Array
-from pamid.engine.symbolic.vocabulary import Expr, Number, clip, expression
+from pamid.engine.symbolic.vocabulary import Expr, Number, clip, expression, stop
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 
@@ -36,6 +36,7 @@ SHRUNKEN = "shrunken: nothing, unless the recordings say otherwise"
 CURVE_POINTS = 81  # of a curve
 QUARTERS = (0.25, 0.5, 0.75, 1.0)  # knots of a curve, shares of half the range
 ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh")
+SLIPS = (0.025, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6)  # widths of the stops of a loop, halves of the range
 
 
 @dataclass(frozen=True)
@@ -95,6 +96,30 @@ class FreeCurve(FreeFormEffect):
         return [expression(1.0), *ramps(x, p.middle, p.half, QUARTERS)]
 
 
+class FreeLoop(FreeFormEffect):
+    """Base of the forms that remember where a signal turned: a bank of stops, each of which comes
+    to 1."""
+
+    @classmethod
+    def placed(cls, low: float, high: float) -> dict[str, float]:
+        return {"half": 0.5 * (high - low)}
+
+    def shapes(self, x: Expr, p: Any) -> list[Expr]:
+        return [stop(x, slip * p.half) / (slip * p.half) for slip in SLIPS]
+
+    def curve(self, p: Any, low: float, high: float) -> FormShapes:
+        """The bank on its way up from low to high and back, as it closes after the first time."""
+        up = np.linspace(low, high, CURVE_POINTS)
+        way = np.concatenate([up, up[::-1]])
+        widths = p.half * np.array(SLIPS)
+        held, columns = np.zeros(len(widths)), np.empty((len(way), len(widths)))
+        before = low
+        for x, row in zip(np.tile(way, 2), np.tile(np.arange(len(way)), 2), strict=True):
+            held = np.clip(held + (x - before), -widths, widths)
+            before, columns[row] = x, held / widths
+        return FormShapes(way, np.zeros_like(way), columns)
+
+
 def ramps(x: Number, middle: Number, half: Number, knots: Sequence[float]) -> list[Expr]:
     """Functions that rise from 0 to 1 between two neighbouring knots (shares of half, from 0 on)
     above the middle, and fall from 0 to -1 between the same below it: an odd function has the same
@@ -119,6 +144,12 @@ def rises(
         for side in ("above", "below")
         for place, before, after in zip(ORDINALS, (0.0, *knots), knots, strict=False)
     )
+
+
+def elements(spread: float, most: float) -> tuple[Parameter, ...]:
+    """Coefficients of the stops of a loop; spread and most in multiples of the size."""
+    places = ORDINALS[: len(SLIPS)]
+    return tuple(coefficient(f"{place}_element", spread, most) for place in places)
 
 
 def coefficient(name: str, spread: float, most: float, size: str = "value") -> Parameter:

@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from pamid.engine.symbolic.vocabulary import ZERO, Expr, expression
-from pamid.model.effect import Effect
+from pamid.model.effect import Effect, State
 from pamid.model.parameter import Parameter
 
 LOAD_SHARE = Parameter.share("share", 0.6, 0.0, 0.95, spread=0.35, tries=(0.85,)).with_source(
@@ -62,6 +62,10 @@ class Outboard:
 class OutboardEffect(Effect):
     """Base of effects by which a load moves against its drive; their states are `twist` and
     `twisting`, its rate."""
+
+    family = "flexible-transmission"
+    kinds = ("transmission",)
+    states = (State("twist", "rad"), State("twisting", "rad/s"))
 
     @classmethod
     def parameters_at(cls, kind: str, offered: Collection[str] = ()) -> tuple[Parameter, ...]:

@@ -17,30 +17,16 @@ References
     Phase Transitions, Springer.
 """
 
-from typing import Any
-
-from pamid.effects.free_forms.free_hysteresis import ELEMENT_NAMES, bank, loop
-from pamid.engine.symbolic.vocabulary import Expr
-from pamid.model.free_form import FormShapes, FreeFormEffect, coefficient, half_width
+from pamid.model.free_form import FreeLoop, elements, half_width
 
 
-class FreeSignalHysteresis(FreeFormEffect):
+class FreeSignalHysteresis(FreeLoop):
     """A bank of plays on the value."""
 
     family = "hysteresis"
     kinds = ("command", "reading")
-    parameters = (*(coefficient(name, 0.1, 0.3) for name in ELEMENT_NAMES), half_width("value"))
+    parameters = (*elements(0.1, 0.3), half_width("value"))
     look_alikes = ("signal-hysteresis", "play")
     along = "value"
     shown = "change of the value"
     known_by = "a value that remembers where it turned"
-
-    @classmethod
-    def placed(cls, low: float, high: float) -> dict[str, float]:
-        return {"half": 0.5 * (high - low)}
-
-    def shapes(self, x: Expr, p: Any) -> list[Expr]:
-        return bank(x, p.half)
-
-    def curve(self, p: Any, low: float, high: float) -> FormShapes:
-        return loop(p.half, low, high)
