@@ -148,8 +148,8 @@ def rises(
 
 def elements(spread: float, most: float) -> tuple[Parameter, ...]:
     """Coefficients of the stops of a loop; spread and most in multiples of the size."""
-    places = ORDINALS[: len(SLIPS)]
-    return tuple(coefficient(f"{place}_element", spread, most) for place in places)
+    names = [f"{place}_element" for place in ORDINALS[: len(SLIPS)]]
+    return tuple(coefficient(name, spread, most) for name in names)
 
 
 def coefficient(name: str, spread: float, most: float, size: str = "value") -> Parameter:

@@ -376,10 +376,9 @@ def refitted_texts(parameters: dict[str, Estimate]) -> list[str]:
         entry = parameters[name]
         prior = "" if entry.prior is None else f"{short(entry.prior)} → "
         value = formatting.with_unit(short(entry.value), channel_unit(name))
-        side = "lower" if entry.at_bound == "low" else "upper"
-        bound = f", at its {side} bound" if entry.at_bound else ""
-        tail = interval_tail(formatting.span(entry.low, entry.high)) + bound
-        texts.append(f"{channel_label(name)} {prior}{value}{tail}")
+        interval = interval_tail(formatting.span(entry.low, entry.high))
+        text = f"{channel_label(name)} {prior}{value}{interval}"
+        texts.append(", ".join(filter(None, (text, formatting.bound_text(entry)))))
     rest = len(parameters) - len(shown)
     if not rest:
         return texts

@@ -217,14 +217,4 @@ def missing_term(diagnosis: DiagnosisFile | None) -> Unknown | None:
         return diagnosis.unknown if diagnosis is not None else None
     if rest is None or not (rest.real and diagnosis.causes):
         return None
-    return Unknown(
-        port=rest.port,
-        formula=rest.formula,
-        variables=(),
-        inclusion=None,
-        described=None,
-        dissipative=None,
-        parity="none",
-        memory=None,
-        free_forms=(),
-    )
+    return Unknown.model_validate({"port": rest.port, "formula": rest.formula})

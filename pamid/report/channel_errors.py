@@ -28,6 +28,8 @@ FIELDS = {
     "cause": "with_cause",
     "network": "with_network",
 }
+#: times the refitted error: a model that is off by more would hide the others in a plot
+HIDES_OTHERS = 4.0
 _AGREE = 0.02  # two files that agree on an MAE within this share are not worth a remark
 
 

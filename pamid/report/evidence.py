@@ -352,8 +352,7 @@ def parameter_table(
             strain = f"{parameter.strain:.1f}".replace("-", formatting.MINUS)
             strained = abs(parameter.strain) > STRAINED
         row.append(strong(strain) if strained else strain)
-        side = "lower" if parameter.at_bound == "low" else "upper"
-        end = f"at its {side} bound" if parameter.at_bound else ""
+        end = formatting.bound_text(parameter)
         word = "" if end and parameter.word == "settled" else clean(parameter.word)
         absorbing = "may be absorbing structure" if strained else ""
         body.append([*row, ", ".join(filter(None, (word, absorbing, end))) or DASH])

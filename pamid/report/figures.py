@@ -38,6 +38,7 @@ from pamid.report.captions import (
     taken_up,
 )
 from pamid.report.channel_errors import (
+    HIDES_OTHERS,
     MODEL_NAMES,
     ChannelErrors,
     WorstWindow,
@@ -79,7 +80,6 @@ MOST_CANDIDATES = 12
 MOST_CURVES = 4  # that a reader can tell apart by colour and line
 _LEFT_END = -0.5  # a candidate that is worse than this is drawn at the edge, with an arrow
 _NOTHING = 0.005
-_HUGE = 4.0
 _LONG, _LONG_NARROW = 34, 22  # letters of a model's name next to its bar
 _POINTS, _FREE_POINTS = 1500, 500  # of a trace that is drawn
 _MOST_DOTS, _PARTS, _FEWEST, _NARROWEST = 1200, 16, 3, 0.03
@@ -489,8 +489,7 @@ def window_drawing(
             role, width, dashes = MODEL_LINES[kind]
             name = _model_name(role, run.diagnosis, narrow)
             line(above, *_thinned(time, trace, most), role, width, dashes, label=name)
-            # else nothing else could be read
-            if window.mae.get(kind, 0.0) <= _HUGE * window.mae["refitted"]:
+            if window.mae.get(kind, 0.0) <= HIDES_OTHERS * window.mae["refitted"]:
                 line(below, *_thinned(time, measured - trace, most), role, width, dashes)
         for axes in (above, below):
             axes.margins(x=0.0)

@@ -160,6 +160,12 @@ def parameter_text(name: str, estimate: Estimate) -> str:
     return f"{channel_label(name)} {with_unit_text(value, unit_text)}{interval}"
 
 
+def bound_text(estimate: Estimate) -> str:
+    """ "at its lower bound"; "" within the bounds."""
+    side = "lower" if estimate.at_bound == "low" else "upper"
+    return f"at its {side} bound" if estimate.at_bound else ""
+
+
 def percent(share: float | None) -> str:
     """`percent_text` as the page sets it; a dash for None."""
     if share is None:

@@ -177,21 +177,14 @@ def table(
 
 def figures(pictures: Mapping[str, Picture], *names: str) -> list[Markup]:
     """The pictures of these names, as far as they were drawn."""
-    return [_figure(pictures[name]) for name in names if name in pictures]
-
-
-def _figure(picture: Picture) -> Markup:
-    role = "group" if picture.linked else "img"
-    forms = (("wide", picture.wide), ("narrow", picture.narrow))
-    return tag(
-        "figure",
-        tag("figcaption", prose(picture.title)),
-        [
-            tag("div", Markup(svg), class_=form, role=role, aria_label=picture.title)
-            for form, svg in forms
-        ],
-        id=f"figure-{picture.name}",
-    )
+    shown = []
+    for picture in (pictures[name] for name in names if name in pictures):
+        look = {"role": "group" if picture.linked else "img", "aria_label": picture.title}
+        wide = tag("div", Markup(picture.wide), class_="wide", **look)
+        narrow = tag("div", Markup(picture.narrow), class_="narrow", **look)
+        caption = tag("figcaption", prose(picture.title))
+        shown.append(tag("figure", caption, wide, narrow, id=f"figure-{picture.name}"))
+    return shown
 
 
 def image(name: str, title: str, png: bytes, width_px: int, height_px: int) -> Markup:

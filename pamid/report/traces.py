@@ -19,7 +19,7 @@ from pamid.base.errors import join_words
 from pamid.base.run_files import repeats_refit
 from pamid.report import formatting
 from pamid.report.captions import model_label
-from pamid.report.channel_errors import FIELDS, ChannelErrors, headline
+from pamid.report.channel_errors import FIELDS, HIDES_OTHERS, ChannelErrors, headline
 from pamid.report.formatting import channel_label, channel_unit
 from pamid.report.highlights import Highlight, highlights_of
 from pamid.report.load import Residual, RunData
@@ -59,8 +59,6 @@ _MOVING = (
     "a screen to touch, two fingers enlarge, a single finger moves. A bar on top: held out; grey: "
     "not scored, while a window finds its start."
 )
-# times the refitted error: a model that is off by more hides the others and is not drawn at first
-_HUGE = 4.0
 
 
 @dataclass(frozen=True)
@@ -115,7 +113,7 @@ def traces_of(run: RunData, rows: tuple[ChannelErrors, ...]) -> Traces:
         # leading channel would hide the others
         error = getattr(first, FIELDS[kind]) if first is not None and kind in FIELDS else None
         refitted = first.refitted if first is not None else None
-        hides = error is not None and refitted is not None and error > _HUGE * refitted
+        hides = error is not None and refitted is not None and error > HIDES_OTHERS * refitted
         off = hides or kind in _FREE or (kind in _IN_LOOP and "loop_network" not in drawn)
         kinds[kind] = {"name": _kind_label(kind, run), "role": role, "dash": dash, "off": off}
     plan = {
