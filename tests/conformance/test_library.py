@@ -1,7 +1,6 @@
 """Two look-ups, one for names from data and one for words of the user; and what is read of a file
 is what runs."""
 
-import ast
 import importlib.util
 import py_compile
 import shutil
@@ -28,43 +27,6 @@ def test_the_look_up_for_data_never_loads(word, here):
         return
     with pytest.raises(FileError):
         library.catalogue_rig(word.format(evil=here / "evil.py"))
-
-
-#: who may look up a word that the user said, and nobody else: what came from data goes to
-#: `catalogue_rig`
-CODE_LOADING = ("rig_named", "noted_rig", "noted_effects", "effects_with", "load_file")
-MAY_LOAD = {
-    "pamid/model/registry.py",
-    "pamid/intake/checks/inspection.py",
-    "pamid/networks/correction/identified_model.py",
-    "pamid/networks/correction/port_network.py",
-    "pamid/simulation/virtual_rig.py",
-    "pamid/report/motion.py",
-    "pamid/api/ingesting.py",
-    "pamid/api/diagnosing.py",
-    "pamid/api/exciting.py",
-    "pamid/api/given.py",
-    "pamid/api/planned_excitation.py",
-    "pamid/api/planning.py",
-    "pamid/trial/own_machine.py",
-    "cli/effects.py",
-    "cli/hints.py",
-    "cli/rigs.py",
-}
-
-
-def test_who_may_load_code():
-    root = Path(__file__).resolve().parents[2]
-    found = set()
-    for path in (path for folder in ("pamid", "cli") for path in (root / folder).rglob("*.py")):
-        text = path.read_text(encoding="utf-8")
-        if any(name in text for name in CODE_LOADING):
-            nodes = list(ast.walk(ast.parse(text)))
-            names = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
-            names |= {node.id for node in nodes if isinstance(node, ast.Name)}
-            if names & set(CODE_LOADING):
-                found.add(path.relative_to(root).as_posix())
-    assert found == MAY_LOAD
 
 
 def test_what_was_read_is_what_runs(tmp_path):

@@ -1,10 +1,8 @@
 """The trial's joint: nothing shared with the tool, a sane machine when nothing is planted, faults
 that act."""
 
-import ast
 from dataclasses import asdict, replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,12 +12,11 @@ from middle_draws import MIDDLE
 from pamid.model.attachment import attach
 from pamid.model.registry import effects, rig_named
 from pamid.simulation.excitation.aprbs import aprbs
-from pamid.trial import arm_faults, arm_kernel, faults, joint_kernel, kernel
 from pamid.trial.faults import FAULTS, LONG_HOLDS, Fault, Planted
 from pamid.trial.kernel import static_pull
 from pamid.trial.logger import Readout
 from pamid.trial.machine import packed
-from pamid.trial.machines import one_dof, two_link
+from pamid.trial.machines import one_dof
 from pamid.trial.machines.one_dof import (
     JOINT_CHANNELS,
     JOINT_NOISE,
@@ -83,32 +80,6 @@ def force_map(specimen: Specimen, muscle: int) -> tuple[np.ndarray, np.ndarray, 
         for c, p in zip(chi.flat, pressure.flat, strict=True)
     ]
     return chi, pressure, np.reshape(force, chi.shape)
-
-
-def test_the_plant_shares_nothing_with_the_tool():
-    for module in (one_dof, faults, kernel, joint_kernel, two_link, arm_faults, arm_kernel):
-        tree = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))
-        names = [
-            a.name for node in ast.walk(tree) if isinstance(node, ast.Import) for a in node.names
-        ]
-        names += [
-            f"{node.module}.{a.name}"
-            for node in ast.walk(tree)
-            if isinstance(node, ast.ImportFrom)
-            for a in node.names
-        ]
-        own = {name.rsplit(".", 1)[0] for name in names if name.startswith("pamid")}
-        # where numba keeps compiled code is no equation
-        known = {
-            "pamid.base.arrays",
-            "pamid.base.errors",
-            "pamid.engine.numba_cache",
-            "pamid.simulation.excitation.aprbs",
-            *(f"pamid.trial.{k}" for k in ("conditions", "faults", "joint_kernel", "kernel")),
-            *(f"pamid.trial.{k}" for k in ("arm_faults", "arm_kernel", "logger", "machine")),
-            "pamid.trial.machines.one_dof",
-        }
-        assert own <= known, (module.__name__, own)
 
 
 @pytest.mark.parametrize("seed", range(6))
