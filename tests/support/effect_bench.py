@@ -1,19 +1,15 @@
 """Small machines for effects of the general catalogue: two sprung carts and two tanks, in any units
 of length, force and time."""
 
-import tempfile
-from pathlib import Path
-
 import numpy as np
+from virtual_recordings import virtual_recording
 
 from pamid.engine.symbolic.vocabulary import absolute, sqrt
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port, Rig
-from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import DataSplit, split_recordings
 from pamid.simulation.excitation.aprbs import aprbs
-from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 
 def carts(length: float = 1.0, force: float = 1.0, time: float = 1.0) -> Rig:
@@ -134,11 +130,6 @@ def steps(
 
 def recorded(rig: Rig, spec: str, specimen: dict[str, float], samples: int) -> DataSplit:
     """A recording of a bench with this effect and these parameters, sensor noise included."""
-    time = rig.period_s * np.arange(samples)
-    columns = dict(zip(rig.inputs, inputs_of(rig, samples).T, strict=True))
-    with tempfile.TemporaryDirectory() as folder:
-        drive, path = Path(folder) / "drive.csv", Path(folder) / "rec.csv"
-        write_recording(drive, time, columns)
-        made = simulate_virtual_rig(rig, read_recording(drive), (spec,), {}, specimen, 1.0, 4)
-        write_recording(path, time, made.columns, made.meta)
-        return split_recordings(rig, [read_recording(path)], [])
+    sent = dict(zip(rig.inputs, inputs_of(rig, samples).T, strict=True))
+    made = virtual_recording(rig, sent, rig.period_s, spec, true=specimen, seed=4)
+    return split_recordings(rig, [made], [])

@@ -5,15 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from small_cart import PERIOD_S, RIG, cart_evidence, record_cart
+from virtual_recordings import virtual_recording
 
 from pamid.diagnosis.pipeline import diagnose
 from pamid.diagnosis.settings import DEFAULT
 from pamid.diagnosis.verdict.notes import notes_of
 from pamid.model.registry import effects, rig_named
-from pamid.recording.recording import read_recording, recording_of, write_recording
 from pamid.simulation import data_split
 from pamid.simulation.data_split import STRETCHES, DataSplit, Span, split_recordings
-from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 LONG_S = 40.0
 LEAST = 1.2  # correlation times of a stretch, so that a small recording is a long one
@@ -26,17 +25,13 @@ def short_stretches(monkeypatch) -> None:
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory) -> DataSplit:
+def whole() -> DataSplit:
     """A cart with friction whose pushes bring it back, so that it soon forgets them."""
-    path, random = tmp_path_factory.mktemp("cart") / "push.csv", np.random.default_rng(3)
-    sizes = random.uniform(2.0, 6.0, round(LONG_S / (80 * PERIOD_S)))
-    push = np.kron(sizes, np.repeat([1.0, -1.0, -1.0, 1.0], 20))
-    time = PERIOD_S * np.arange(len(push))
-    write_recording(path, time, {"force_n": push})
-    sent = read_recording(path)
-    made = simulate_virtual_rig(RIG, sent, ("coulomb-friction",), {}, {"mass_kg": 1.2}, 1.0, 1)
-    recording = recording_of(time, made.columns, made.meta)
-    return split_recordings(rig_named(RIG), [recording], [])
+    sizes = np.random.default_rng(3).uniform(2.0, 6.0, round(LONG_S / (80 * PERIOD_S)))
+    sent = {"force_n": np.kron(sizes, np.repeat([1.0, -1.0, -1.0, 1.0], 20))}
+    true = {"mass_kg": 1.2}
+    made = virtual_recording(RIG, sent, PERIOD_S, "coulomb-friction", true=true)
+    return split_recordings(rig_named(RIG), [made], [])
 
 
 def times(evidence: DataSplit, spans: tuple[Span, ...]) -> np.ndarray:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pamid_cli import frame
+from virtual_recordings import virtual_recording
 
 from pamid.base.arrays import Array
 from pamid.base.run_folder import Run
@@ -26,13 +27,12 @@ from pamid.diagnosis.verdict.diagnosis_run import diagnose_into
 from pamid.diagnosis.verdict.verdict_figures import diagnosis_file, with_experiment
 from pamid.estimation.grey_box import fit_model
 from pamid.model.registry import effects, rig_named
-from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.recording.recording import Recording, read_recording
 from pamid.simulation.data_split import Span, split_recordings
 from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.excitation.experiments import (
     Experiment,
 )
-from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 PERIOD_S = 0.005
 CART_FILE = str(Path(__file__).resolve().parents[2] / "data" / "rigs" / "cart.py")
@@ -47,19 +47,8 @@ TRUTH = ("coulomb-friction:force_n=0.6,give_m=0.002",)
 
 def drawn(folder: Path, name: str, columns: dict[str, Array], rig: Path, seed: int) -> Recording:
     """The cart with friction, recorded on these columns."""
-    time = PERIOD_S * np.arange(len(next(iter(columns.values()))))
-    write_recording(folder / f"{name}-sent.csv", time, columns)
-    made = simulate_virtual_rig(
-        str(rig),
-        read_recording(folder / f"{name}-sent.csv"),
-        TRUTH,
-        {},
-        {"mass_kg": 1.2},
-        1.0,
-        seed,
-    )
-    write_recording(folder / f"{name}.csv", time, made.columns, made.meta)
-    return read_recording(folder / f"{name}.csv")
+    true, path = {"mass_kg": 1.2}, folder / f"{name}.csv"
+    return virtual_recording(str(rig), columns, PERIOD_S, *TRUTH, true=true, seed=seed, path=path)
 
 
 @pytest.fixture(scope="module")

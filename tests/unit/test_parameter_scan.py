@@ -2,42 +2,52 @@
 
 import numpy as np
 import pytest
-from small_cart import RIG, cart_evidence
+from small_cart import RIG
+from virtual_recordings import virtual_recording
 
+from pamid.base.arrays import Array
 from pamid.diagnosis.candidate_model import CandidateModel, candidate_from, transferred
 from pamid.diagnosis.parameter_scan import SCAN_STARTS, ScanPart, scan_grid, scanned_values
-from pamid.diagnosis.screening import ScreeningBaseline, advance, screen
+from pamid.diagnosis.screening import ScreenedCandidate, ScreeningBaseline, advance, screen
 from pamid.diagnosis.starting_hints import GapHints, gather_hints
 from pamid.estimation.grey_box import fit_model, model_with
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import FitStart, Problem, free_parameters
 from pamid.model.attachment import Addition, Attachment, attach
 from pamid.model.registry import effects, rig_named
-from pamid.recording.recording import read_recording, write_recording
+from pamid.recording.recording import Recording, recording_of
 from pamid.simulation.data_split import DataSplit, split_recordings
-from pamid.simulation.virtual_rig import simulate_virtual_rig
 
-PERIOD_M, SERVO = 0.21, "servo-pendulum"
+PERIOD_M, SERVO, OVEN = 0.21, "servo-pendulum", "thermal-block"
 NO_HINTS = GapHints((), {})
 
 
-@pytest.fixture(scope="module")
-def cogged(tmp_path_factory) -> tuple[DataSplit, CandidateModel]:
-    """A cart with 0.6 N of cogging, a period in 0.21 m, and its baseline."""
-    folder, random = tmp_path_factory.mktemp("cogging"), np.random.default_rng(5)
-    push = np.repeat(random.choice([-1.0, 1.0], 40) * random.uniform(0.2, 1.2, 40), 40)
-    push -= push.mean()
-    time = 0.01 * np.arange(len(push))
-    write_recording(folder / "push.csv", time, {"force_n": push})
-    planted = (f"cogging:sine_force_n=0.6,cosine_force_n=0.0,period_m={PERIOD_M}",)
-    made = simulate_virtual_rig(
-        RIG, read_recording(folder / "push.csv"), planted, {}, {"mass_kg": 1.2}, 1.0, 1
-    )
-    read = made.columns["position_m"] + 1e-3 * random.standard_normal(len(time))
-    write_recording(folder / "rec.csv", time, made.columns | {"position_m": read}, made.meta)
-    evidence = cart_evidence(folder / "rec.csv")
+def baseline(rig: str, made: Recording) -> tuple[DataSplit, CandidateModel]:
+    """A recording as it is split, and the refitted model without any effect."""
+    evidence = split_recordings(rig_named(rig), [made], [])
     model = fit_model(evidence)
     return evidence, candidate_from(model.assembly, model.fit, model.held_out)
+
+
+def screened(
+    evidence: DataSplit, base: CandidateModel, effect: Attachment, hints: GapHints = NO_HINTS
+) -> ScreenedCandidate:
+    """The effect after all steps of its screening."""
+    reference = ScreeningBaseline.of(base, 5)
+    begun = screen(evidence, reference, Addition((effect,)), base.assembly.sizes, hints)
+    return advance(evidence, reference, begun)
+
+
+@pytest.fixture(scope="module")
+def cogged() -> tuple[DataSplit, CandidateModel]:
+    """A cart with 0.6 N of cogging, a period in 0.21 m, and its baseline."""
+    random = np.random.default_rng(5)
+    push = np.repeat(random.choice([-1.0, 1.0], 40) * random.uniform(0.2, 1.2, 40), 40)
+    planted = f"cogging:sine_force_n=0.6,cosine_force_n=0.0,period_m={PERIOD_M}"
+    sent = {"force_n": push - push.mean()}
+    made = virtual_recording(RIG, sent, 0.01, planted, true={"mass_kg": 1.2})
+    read = made.columns["position_m"] + 1e-3 * random.standard_normal(len(push))
+    return baseline(RIG, recording_of(made.time, {**made.columns, "position_m": read}))
 
 
 def scanned(evidence: DataSplit, base: CandidateModel, effect: Attachment) -> tuple[ScanPart, int]:
@@ -60,33 +70,22 @@ def test_the_period_is_found_without_a_hint(cogged):
     grid = scan_grid(whole.problem.assembly.parameters[place])
     nearest = grid[np.argmin(np.abs(1.0 / grid - 1.0 / PERIOD_M))]
     assert found[0] == pytest.approx(nearest)
-    reference = ScreeningBaseline.of(base, 5)
-    told = screen(evidence, reference, Addition((effect,)), base.assembly.sizes, NO_HINTS)
-    told = advance(evidence, reference, told)
+    told = screened(evidence, base, effect)
     assert told.p is not None
     assert told.p[place] == pytest.approx(PERIOD_M, rel=0.02)
 
 
-def test_the_step_of_a_command_is_found(tmp_path):
+def test_the_step_of_a_command_is_found():
     """And what is read, not sent, is not scanned: its plateaus tell its step."""
     step_v, random = 0.4, np.random.default_rng(7)
-    sent = np.repeat(random.uniform(-5.0, 5.0, 60), 40)
-    time = 0.005 * np.arange(len(sent))
-    write_recording(tmp_path / "sent.csv", time, {"voltage_v": sent})
-    planted = (f"quantisation@driver:quantum_v={step_v}",)
-    made = simulate_virtual_rig(
-        SERVO, read_recording(tmp_path / "sent.csv"), planted, {}, {"rotor_kg_m2": 0.006}, 1.0, 1
-    )
-    write_recording(tmp_path / "rec.csv", time, made.columns, made.meta)
-    evidence = split_recordings(rig_named(SERVO), [read_recording(tmp_path / "rec.csv")], [])
-    model = fit_model(evidence)
-    base = candidate_from(model.assembly, model.fit, model.held_out)
+    sent = {"voltage_v": np.repeat(random.uniform(-5.0, 5.0, 60), 40)}
+    planted = f"quantisation@driver:quantum_v={step_v}"
+    true = {"rotor_kg_m2": 0.006}
+    evidence, base = baseline(SERVO, virtual_recording(SERVO, sent, 0.005, planted, true=true))
     effect = attach(evidence.rig, "quantisation@driver", effects())
     whole, place = scanned(evidence, base, effect)
     assert scanned_values(whole, whole, place)[0] == pytest.approx(step_v, rel=0.02)
-    reference = ScreeningBaseline.of(base, 5)
-    told = screen(evidence, reference, Addition((effect,)), base.assembly.sizes, NO_HINTS)
-    told = advance(evidence, reference, told)
+    told = screened(evidence, base, effect)
     assert told.p is not None
     assert told.p[place] == pytest.approx(step_v, rel=0.01)
     read = attach(evidence.rig, "quantisation@encoder", effects())
@@ -94,40 +93,25 @@ def test_the_step_of_a_command_is_found(tmp_path):
     assert not any(b.fitted for b in assembly.parameters if b.owner == read.label)
 
 
+def heated(power: Array, planted: str) -> Recording:
+    true = {"capacity_j_per_k": 420.0}
+    return virtual_recording(OVEN, {"power_w": power}, 10.0, planted, true=true)
+
+
 @pytest.fixture(scope="module")
-def pulsed(tmp_path_factory) -> tuple[DataSplit, CandidateModel]:
+def pulsed() -> tuple[DataSplit, CandidateModel]:
     """A heater of 100 W that is on or off, its share of 120 s rounded to a twelfth, while the log
     holds what was asked for."""
-    folder, random = tmp_path_factory.mktemp("pulses"), np.random.default_rng(8)
-    asked = np.repeat(random.uniform(5.0, 95.0, 30), 40)
-    time = 10.0 * np.arange(len(asked))
-    write_recording(folder / "asked.csv", time, {"power_w": asked})
+    asked = np.repeat(np.random.default_rng(8).uniform(5.0, 95.0, 30), 40)
     amounts = "step=0.0833333,ripple=1,phase=0.3,full_w=100,pulse_period_s=123"
-    made = simulate_virtual_rig(
-        "thermal-block",
-        read_recording(folder / "asked.csv"),
-        (f"pwm-quantisation:{amounts}",),
-        {},
-        {"capacity_j_per_k": 420.0},
-        1.0,
-        1,
-    )
-    write_recording(folder / "rec.csv", time, made.columns, made.meta)
-    told = read_recording(folder / "rec.csv")
-    evidence = split_recordings(rig_named("thermal-block"), [told], [])
-    model = fit_model(evidence)
-    return evidence, candidate_from(model.assembly, model.fit, model.held_out)
+    return baseline(OVEN, heated(asked, f"pwm-quantisation:{amounts}"))
 
 
 def test_the_step_of_a_duty_is_found_beside_its_pulses(pulsed):
     """At the null of the pulses what rounding leaves is lost in them."""
     evidence, base = pulsed
     effect = attach(evidence.rig, "pwm-quantisation", effects())
-    reference = ScreeningBaseline.of(base, 5)
-    told = screen(
-        evidence, reference, Addition((effect,)), base.assembly.sizes, gather_hints(evidence, base)
-    )
-    told = advance(evidence, reference, told)
+    told = screened(evidence, base, effect, gather_hints(evidence, base))
     assembly, p = told.ended
     found = {
         b.key.partition(":")[2]: p[i]
@@ -136,7 +120,7 @@ def test_the_step_of_a_duty_is_found_beside_its_pulses(pulsed):
     }
     assert found["step"] * found["full"] == pytest.approx(100.0 / 12.0, rel=0.02)
     assert found["pulse_period"] == pytest.approx(123.0, rel=0.002)
-    problem = reference.problem(evidence, assembly)
+    problem = ScreeningBaseline.of(base, 5).problem(evidence, assembly)
     assert told.starts is not None and told.stepping is not None
     start = FitStart(p=p, starts=told.starts, weights=base.fit.weights, stepping=told.stepping)
     fitted = fit(problem, start)
@@ -155,27 +139,11 @@ def test_the_step_of_a_duty_is_found_beside_its_pulses(pulsed):
     assert best * found["full"] == pytest.approx(100.0 / 12.0, rel=0.03)
 
 
-def test_a_long_delay_is_found_and_a_prior_allows_it(tmp_path):
+def test_a_long_delay_is_found_and_a_prior_allows_it():
     """Transport takes 80 samples here, of which no slope at a delay of a few samples knows."""
     delay_s, random = 800.0, np.random.default_rng(3)
     power = np.repeat(random.uniform(5.0, 95.0, 12), 100)
-    time = 10.0 * np.arange(len(power))
-    write_recording(tmp_path / "power.csv", time, {"power_w": power})
-    made = simulate_virtual_rig(
-        "thermal-block",
-        read_recording(tmp_path / "power.csv"),
-        (f"dead-time@heater:delay_s={delay_s}",),
-        {},
-        {"capacity_j_per_k": 420.0},
-        1.0,
-        1,
-    )
-    write_recording(tmp_path / "rec.csv", time, made.columns, made.meta)
-    evidence = split_recordings(
-        rig_named("thermal-block"), [read_recording(tmp_path / "rec.csv")], []
-    )
-    model = fit_model(evidence)
-    base = candidate_from(model.assembly, model.fit, model.held_out)
+    evidence, base = baseline(OVEN, heated(power, f"dead-time@heater:delay_s={delay_s}"))
     effect = attach(evidence.rig, "dead-time@heater", effects())
     whole, place = scanned(evidence, base, effect)
     bound = whole.problem.assembly.parameters[place]
@@ -183,9 +151,7 @@ def test_a_long_delay_is_found_and_a_prior_allows_it(tmp_path):
     assert bound.high == pytest.approx(0.1 * longest_s) and bound.spread == 0.5 * bound.high
     grid = scan_grid(bound)
     assert grid.max() == bound.high and grid.min() < 10.0
-    reference = ScreeningBaseline.of(base, 5)
-    told = screen(evidence, reference, Addition((effect,)), base.assembly.sizes, NO_HINTS)
-    told = advance(evidence, reference, told)
+    told = screened(evidence, base, effect)
     assert told.p is not None
     # a part of the recording shows, of which the first 800 s were not led in
     assert told.p[place] == pytest.approx(delay_s, rel=0.05)

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from small_cart import RIG, record_cart
 from virtual_joint import SPECIMEN, record
+from virtual_recordings import virtual_recording
 
 from pamid.engine.program import Stepping
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attach
 from pamid.model.registry import effects, rig_named
-from pamid.recording.recording import read_recording, write_recording
+from pamid.recording.recording import read_recording
 from pamid.simulation.data_split import DataSplit, split_recordings
 from pamid.simulation.replay import Replay, noise_floor, replay_track
-from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 ANGLE = ("reference_deg", "command", "angle_deg")
 
@@ -89,27 +89,16 @@ def test_what_travel_alone_makes_forget_is_led_in_from_the_beginning(tmp_path):
     assert not Assembly(evidence.rig).keeps_memories
 
 
-def test_a_wide_hysteresis_foretells_what_it_was_held_out_from(tmp_path):
+def test_a_wide_hysteresis_foretells_what_it_was_held_out_from():
     """With the block's own parameters what is held out is met to the noise, however long ago the
     widest loops of its sensor began: by where they stand it would be off by degrees, and cool down
     to another room."""
-    random, time = np.random.default_rng(4), 10.0 * np.arange(1500)
-    sent = {"power_w": np.repeat(random.uniform(0.0, 100.0, 50), 30)}
-    write_recording(tmp_path / "sent.csv", time, sent)
+    random = np.random.default_rng(4)
     given = {"share": 0.15, "reach_k": 60.0}
     sizes = ",".join(f"{name}={value}" for name, value in given.items())
-    made = simulate_virtual_rig(
-        "thermal-block",
-        read_recording(tmp_path / "sent.csv"),
-        (f"signal-hysteresis@sensor:{sizes}",),
-        {},
-        {},
-        1.0,
-        1,
-    )
-    write_recording(tmp_path / "rec.csv", time, made.columns, made.meta)
-    rig = rig_named("thermal-block")
-    evidence = split_recordings(rig, [read_recording(tmp_path / "rec.csv")], [])
+    sent = {"power_w": np.repeat(random.uniform(0.0, 100.0, 50), 30)}
+    made = virtual_recording("thermal-block", sent, 10.0, f"signal-hysteresis@sensor:{sizes}")
+    evidence = split_recordings(rig_named("thermal-block"), [made], [])
     hysteresis = attach(evidence.rig, "signal-hysteresis@sensor", effects())
     assembly = Assembly(evidence.rig, (hysteresis,))
     p = assembly.values({f"signal-hysteresis@sensor:{k}": v for k, v in given.items()})
