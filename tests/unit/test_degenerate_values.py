@@ -50,6 +50,9 @@ KINDS = {
     "half zero": np.where(np.arange(SAMPLES) < SAMPLES // 2, SINE, 0.0),
     "one last digit": ONE_ULP,
     "creep by last digits": 1.0 + np.cumsum(np.arange(SAMPLES) % 2) * np.spacing(1.0),
+    "one value": np.full(SAMPLES, 1e20),
+    "a step": np.where(np.arange(SAMPLES) < SAMPLES // 2, 0.0, 1.0),
+    "a ramp": TIME,
     "one sample": np.where(np.arange(SAMPLES) == 300, 1.0, 0.0),
     "repeats": np.repeat(SINE[::30], 30),
     "two values": np.sign(SINE),
@@ -62,10 +65,12 @@ KINDS = {
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("sent", [False, True], ids=["measured", "sent"])
 def test_check_ends_in_an_answer(tmp_path, capsys, kind, sent):
+    """With a rig and without; warnings are errors here, those of NumPy among them."""
     force, position = (KINDS[kind], SINE) if sent else (PUSH, KINDS[kind])
-    code, said = call(capsys, "check", written(tmp_path, force, position), "--rig", RIG)
-    assert code in (0, 3, 4), said
-    assert said["schema"] == "pamid.check/1"
+    for rig in (("--rig", RIG), ()):
+        code, said = call(capsys, "check", written(tmp_path, force, position), *rig)
+        assert code in (0, 3, 4), said
+        assert said["schema"] == "pamid.check/1"
 
 
 def test_a_model_that_runs_away_is_not_compared(tmp_path, capsys):

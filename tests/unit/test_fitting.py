@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from virtual_joint import KNOWN, SPECIMEN, record
 
-from pamid.base.arrays import Array
 from pamid.base.parallel.jobs import WorkerPool
 from pamid.base.schemas.estimates import Estimate
 from pamid.engine.program import Stepping
 from pamid.estimation.fit_files import fit_json
 from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.estimation.intervals import bootstrap, estimates
+from pamid.estimation.linear_rows import linear_rows
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit, FitStart, Problem, free_parameters
 from pamid.estimation.robust_fit import fit_robustly
@@ -32,7 +32,7 @@ from pamid.simulation.data_split import split_recordings
 from pamid.simulation.free_runs import virtual_recording
 from pamid.simulation.rig_data import data_of
 from pamid.simulation.tracks import track_of
-from pamid.simulation.windows import Runner, Window
+from pamid.simulation.windows import Runner
 
 JOINT = rig_named("one-dof")
 
@@ -112,45 +112,13 @@ def test_refitting_from_elsewhere_finds_the_same_optimum():
     assert other.cost == pytest.approx(one.cost, rel=1e-4)
 
 
-def dense(fitted: Fit) -> Array:
-    """Covariance of the free parameters from one dense Jacobian over parameters and all window
-    starts."""
-    problem, (track,) = fitted.problem, fitted.problem.tracks
-    free, scale, root = list(problem.free), fitted.problem.scale, fitted.weights.root
-    windows: list[Window] = problem.windows(track)
-    (starts,), (continuity,) = fitted.starts, fitted.continuity
-    k, (w, n) = len(free), starts.shape
-    size = np.abs(starts).max(axis=0)
-    runner = Runner(problem.assembly, track, fitted.stepping)
-
-    def residuals(z: Array) -> Array:
-        p = fitted.p.copy()
-        p[free] = scale.outside(z[:k])
-        x0 = starts + z[k:].reshape(w, n) * size
-        own = runner.parameters(p)
-        memory, parts = runner.memory(own), [z[:k]]
-        for i, window in enumerate(windows):
-            runner.enter(memory, x0[i])
-            Y = runner.run(memory, window, own, False)[0]
-            parts.append(((Y - track.y[window.start : window.stop]) * root).ravel())
-            if i + 1 < w:
-                parts.append((x0[i + 1] - memory.x[:n]) * np.sqrt(continuity))
-        return np.concatenate(parts)
-
-    z = np.concatenate([scale.inside(fitted.p[free]), np.zeros(w * n)])
-    J = np.stack(
-        [(residuals(z + h) - residuals(z - h)) / 2e-6 for h in 1e-6 * np.eye(len(z))], axis=1
-    )
-    whole = np.sqrt((J**2).sum(axis=0))
-    inverse = np.linalg.inv((J / whole).T @ (J / whole)) / np.outer(whole, whole)
-    return inverse[:k, :k]
-
-
 def test_elimination_of_window_starts_equals_a_dense_solution():
     done = fit(problem_of(JOINT, recorded(4, 6.0)))
-    expected = dense(done)
-    spread, expected_spread = np.sqrt(done.covariance.diagonal()), np.sqrt(expected.diagonal())
-    np.testing.assert_allclose(spread, expected_spread, rtol=2e-2)
+    rows = linear_rows(done, 10**9)  # as tests/unit/test_linear_rows.py holds against differences
+    J = np.column_stack([rows.by_parameters, rows.by_starts])
+    size, free = np.linalg.norm(J, axis=0), len(done.problem.free)
+    spread = np.sqrt(np.linalg.inv((J / size).T @ (J / size)).diagonal()) / size
+    np.testing.assert_allclose(np.sqrt(done.covariance.diagonal()), spread[:free], rtol=2e-2)
 
 
 def test_bootstrap_is_reproducible_and_of_the_jacobians_order():

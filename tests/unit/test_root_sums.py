@@ -1,7 +1,6 @@
 """Gamma and steps where J'J in 16 digits holds too little, against arithmetic in 100 digits."""
 
-from decimal import Decimal, localcontext
-
+import mpmath
 import numpy as np
 import pytest
 from scipy.linalg import eigh
@@ -14,39 +13,16 @@ DIGITS = 100
 
 
 def solved_exactly(jacobian, error, weights, evidence, mu=0.0):
-    """(gamma, step) from beta J'J + (alpha + mu) I, inverted in 100 digits by Gauss and Jordan."""
-    with localcontext() as context:
-        context.prec = DIGITS
-        rows = [[Decimal(x) for x in row] for row in jacobian.tolist()]
-        errors, n = [Decimal(x) for x in error.tolist()], jacobian.shape[1]
-        alpha, beta = Decimal(evidence.alpha), Decimal(evidence.beta)
-        columns = list(zip(*rows, strict=True))
-
-        def dot(a, b):
-            return sum((x * y for x, y in zip(a, b, strict=True)), Decimal(0))
-
-        def inverse(damping):
-            table = [
-                [beta * dot(a, b) + (damping if i == k else 0) for k, b in enumerate(columns)]
-                + [Decimal(int(i == k)) for k in range(n)]
-                for i, a in enumerate(columns)
-            ]
-            for i in range(n):
-                pivot = table[i][i]
-                table[i] = [x / pivot for x in table[i]]
-                for k in range(n):
-                    if k != i:
-                        factor = table[k][i]
-                        table[k] = [x - factor * y for x, y in zip(table[k], table[i], strict=True)]
-            return [row[n:] for row in table]
-
-        undecided = inverse(alpha)
-        gamma = n - alpha * sum(undecided[i][i] for i in range(n))
-        right = [
-            beta * dot(c, errors) - alpha * Decimal(w)
-            for c, w in zip(columns, weights.tolist(), strict=True)
-        ]
-        step = [dot(row, right) for row in inverse(alpha + Decimal(mu))]
+    """(gamma, step) from beta J'J + (alpha + mu) I, inverted in 100 digits."""
+    with mpmath.workdps(DIGITS):
+        rows, n = mpmath.matrix(jacobian.tolist()), jacobian.shape[1]
+        alpha, beta = mpmath.mpf(evidence.alpha), mpmath.mpf(evidence.beta)
+        hessian, unit = beta * rows.T * rows, mpmath.eye(n)
+        undecided = mpmath.inverse(hessian + alpha * unit)
+        gamma = n - alpha * sum(undecided[i, i] for i in range(n))
+        gradient = beta * rows.T * mpmath.matrix(error.tolist())
+        gradient -= alpha * mpmath.matrix(weights.tolist())
+        step = mpmath.lu_solve(hessian + (alpha + mpmath.mpf(mu)) * unit, gradient)
         return float(gamma), np.array([float(x) for x in step])
 
 

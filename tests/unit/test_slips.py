@@ -62,58 +62,6 @@ def slips_of(recording: Recording, rig: str | Rig) -> list[QualityIssue]:
     return [issue for issue in examine(recording, rig_named(rig)) if issue.kind in SLIPS]
 
 
-ANGLE, CURRENT, VOLTAGE = "angle_deg", "current_a", "voltage_v"
-MOTOR: dict[str, tuple[Callable[[Columns], Columns], str, set[str], str]] = {
-    "mA": (lambda c: {CURRENT: 1e3 * c[CURRENT]}, "unit", {CURRENT}, "look like mA, not A"),
-    "kA": (lambda c: {CURRENT: 1e-3 * c[CURRENT]}, "unit", {CURRENT}, "look like kA, not A"),
-    "mV": (lambda c: {VOLTAGE: 1e3 * c[VOLTAGE]}, "unit", {VOLTAGE}, "look like mV, not V"),
-    "rad": (lambda c: {ANGLE: np.radians(c[ANGLE])}, "unit", {ANGLE}, "look like rad, not deg"),
-    "turns": (lambda c: {ANGLE: c[ANGLE] / 360.0}, "unit", {ANGLE}, "look like revolutions"),
-    "sign": (lambda c: {CURRENT: -c[CURRENT]}, "sign", {CURRENT}, "opposite sign"),
-    "exchanged": (
-        lambda c: {CURRENT: c[VOLTAGE], VOLTAGE: c[CURRENT]},
-        "exchanged",
-        {CURRENT, VOLTAGE},
-        "are exchanged",
-    ),
-}
-
-
-@pytest.mark.parametrize("case", MOTOR)
-def test_a_slip_of_a_motor_is_found_in_either_direction(case, motor):
-    change, kind, columns, words = MOTOR[case]
-    recording = changed(motor, change)
-    (issue,) = slips_of(recording, "dc-motor")
-    assert (issue.kind, set(issue.columns), issue.severity) == (kind, columns, "wrong")
-    assert words in issue.message
-    assert [i.kind for i in blocking(recording, rig_named("dc-motor"))] == [kind]
-
-
-OVEN: dict[str, tuple[Callable[[Columns], Columns], str, str]] = {
-    "kelvin": (
-        lambda c: {"temperature_degc": c["temperature_degc"] + 273.15},
-        "temperature_degc",
-        "look like K, not degC",
-    ),
-    "fahrenheit": (
-        lambda c: {"temperature_degc": 1.8 * c["temperature_degc"] + 32.0},
-        "temperature_degc",
-        "look like degF, not degC",
-    ),
-    "kW": (lambda c: {"power_w": c["power_w"] / 1e3}, "power_w", "look like kW, not W"),
-    "mW": (lambda c: {"power_w": 1e3 * c["power_w"]}, "power_w", "look like mW, not W"),
-}
-
-
-@pytest.mark.parametrize("case", OVEN)
-def test_a_slip_of_an_oven_is_found(case, oven):
-    """The bounds of its parameters are so wide that a fit would take up each of them."""
-    change, column, words = OVEN[case]
-    (issue,) = slips_of(changed(oven, change), "thermal-block")
-    assert (issue.kind, issue.columns, issue.severity) == ("unit", (column,), "wrong")
-    assert words in issue.message
-
-
 @pytest.fixture(scope="module")
 def carriage() -> Recording:
     newtons = 30.0 * np.repeat(np.random.default_rng(4).uniform(-1.0, 1.0, 20), 150)
@@ -126,30 +74,58 @@ def shaft() -> Recording:
     return record("servo-axis", "torque_nm", torque, 0.002, {})
 
 
-#: unit -> rig, column, factor from the column's unit
-FACTORS = {
-    "km/h": ("linear-axis", "velocity_mm_per_s", 3.6e-3),
-    "mm/min": ("linear-axis", "velocity_mm_per_s", 60.0),
-    "um": ("linear-axis", "position_mm", 1e3),
-    "kN": ("linear-axis", "force_n", 1e-3),
-    "rad/s": ("servo-axis", "velocity_deg_per_s", np.pi / 180.0),
-    "rpm": ("servo-axis", "velocity_deg_per_s", 1.0 / 6.0),
-    "rev/s": ("servo-axis", "velocity_deg_per_s", 1.0 / 360.0),
+ANGLE, CURRENT, VOLTAGE = "angle_deg", "current_a", "voltage_v"
+TEMPERATURE, TURNING, DRIVEN = "temperature_degc", "velocity_deg_per_s", "velocity_mm_per_s"
+RIGS = {
+    "motor": "dc-motor",
+    "oven": "thermal-block",
+    "carriage": "linear-axis",
+    "shaft": "servo-axis",
 }
+#: recording, column, what is recorded of it (or the column that it is exchanged with), key words
+SLIPPED: list[tuple[str, str, Callable[[Array], Array] | str, str]] = [
+    ("motor", CURRENT, lambda x: 1e3 * x, "look like mA, not A"),
+    ("motor", CURRENT, lambda x: 1e-3 * x, "look like kA, not A"),
+    ("motor", VOLTAGE, lambda x: 1e3 * x, "look like mV, not V"),
+    ("motor", ANGLE, np.radians, "look like rad, not deg"),
+    ("motor", ANGLE, lambda x: x / 360.0, "look like revolutions"),
+    ("motor", CURRENT, lambda x: -x, "opposite sign"),
+    ("motor", CURRENT, VOLTAGE, "are exchanged"),
+    # the bounds of its parameters are so wide that a fit would take up each of them
+    ("oven", TEMPERATURE, lambda x: x + 273.15, "look like K, not degC"),
+    ("oven", TEMPERATURE, lambda x: 1.8 * x + 32.0, "look like degF, not degC"),
+    ("oven", "power_w", lambda x: x / 1e3, "look like kW, not W"),
+    ("oven", "power_w", lambda x: 1e3 * x, "look like mW, not W"),
+    ("carriage", DRIVEN, lambda x: 3.6e-3 * x, "look like km/h, not"),
+    ("carriage", DRIVEN, lambda x: 60.0 * x, "look like mm/min, not"),
+    ("carriage", "position_mm", lambda x: 1e3 * x, "look like um, not"),
+    ("carriage", "force_n", lambda x: 1e-3 * x, "look like kN, not"),
+    ("shaft", TURNING, np.radians, "look like rad/s, not"),
+    ("shaft", TURNING, lambda x: x / 6.0, "look like rpm, not"),
+    ("shaft", TURNING, lambda x: x / 360.0, "look like rev/s, not"),
+]
 
 
-@pytest.mark.parametrize("other", FACTORS)
-def test_any_usual_factor_is_found(other, carriage, shaft):
-    rig, column, factor = FACTORS[other]
-    recording = carriage if rig == "linear-axis" else shaft
-    assert not slips_of(recording, rig)
-    (issue,) = slips_of(changed(recording, lambda c: {column: factor * c[column]}), rig)
-    assert (issue.kind, issue.columns, issue.severity) == ("unit", (column,), "wrong")
-    assert f"look like {other}, not" in issue.message
+@pytest.mark.parametrize(("machine", "column", "slip", "words"), SLIPPED)
+def test_a_slip_is_found(machine, column, slip, words, request):
+    recording, rig = request.getfixturevalue(machine), RIGS[machine]
+    columns, kind = {column}, "sign" if "sign" in words else "unit"
+    if isinstance(slip, str):
+        columns, kind = {column, slip}, "exchanged"
+        other = recording.columns[slip]
+        recording = changed(recording, lambda c: {column: other, slip: c[column]})
+    else:
+        recording = changed(recording, lambda c: {column: slip(c[column])})
+    (issue,) = slips_of(recording, rig)
+    assert (issue.kind, set(issue.columns), issue.severity) == (kind, columns, "wrong")
+    assert words in issue.message
+    if machine == "motor":
+        assert [i.kind for i in blocking(recording, rig_named(rig))] == [kind]
 
 
-def test_right_recordings_have_no_slip(motor, oven, drive):
-    assert not slips_of(motor, "dc-motor") and not slips_of(oven, "thermal-block")
+def test_right_recordings_have_no_slip(motor, oven, drive, carriage, shaft):
+    for machine, rig in zip((motor, oven, carriage, shaft), RIGS.values(), strict=True):
+        assert not slips_of(machine, rig)
     assert not slips_of(drive, "geared-motor")
     assert not blocking(motor, rig_named("dc-motor"))
 

@@ -1,14 +1,14 @@
 """Does a cause hold elsewhere: what counts as elsewhere, and the figures there."""
 
-from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from virtual_joint import record
 
-from pamid.diagnosis.settings import DEFAULT, Settings
+from pamid.diagnosis.settings import DEFAULT
 from pamid.diagnosis.verdict.verdict_figures import differences, transfer
 from pamid.model.registry import rig_named
 from pamid.simulation.data_split import split_recordings
@@ -16,44 +16,24 @@ from pamid.simulation.data_split import split_recordings
 SENSORS = ("reference_deg", "command", "angle_deg")
 
 
-@dataclass
-class Model:
-    absolutes: Any
-    replays: Any = ()
+def model(absolutes: Any) -> Any:
+    return SimpleNamespace(absolutes=absolutes, replays=(SimpleNamespace(windows=(0, 1, 2, 3)),))
 
 
-@dataclass
-class Progress:
+def told(tmp_path: Path, heavy: dict[str, float]) -> Any:
     """As much of a diagnosis as transfer reads."""
-
-    evidence: Any
-    budget: Any
-    cause: Any
-
-    def reported(self, c: Any) -> Any:
-        return c.absolutes
-
-
-@dataclass
-class Windows:
-    windows: tuple[int, ...]
-
-
-@dataclass
-class Kept:
-    baseline: Any
-    settings: Settings = DEFAULT
-
-
-def told(tmp_path: Path, heavy: dict[str, float]) -> Progress:
-    light = record(
-        tmp_path / "light.csv", 6.0, seed=1, columns=SENSORS, known={"inertia_kg_m2": 0.014}
+    known = ({"inertia_kg_m2": 0.014}, heavy)
+    light, other = (
+        record(tmp_path / f"{k}.csv", 6.0, seed=k, columns=SENSORS, known=own)
+        for k, own in enumerate(known, start=1)
     )
-    other = record(tmp_path / "other.csv", 6.0, seed=2, columns=SENSORS, known=heavy)
-    evidence = split_recordings(rig_named("one-dof"), [light], [other])
     before = np.radians([[1.0], [1.0], [2.0], [2.0]])
-    base = Model(before, (Windows((0, 1, 2, 3)),))
-    return Progress(evidence, Kept(base), Model(0.25 * before))
+    return SimpleNamespace(
+        evidence=split_recordings(rig_named("one-dof"), [light], [other]),
+        budget=SimpleNamespace(baseline=model(before), settings=DEFAULT),
+        cause=model(0.25 * before),
+        reported=lambda c: c.absolutes,
+    )
 
 
 def test_another_inertia_is_elsewhere(tmp_path):
@@ -67,11 +47,11 @@ def test_another_inertia_is_elsewhere(tmp_path):
 
 def test_the_same_conditions_are_not(tmp_path):
     d = told(tmp_path, {"inertia_kg_m2": 0.014})
-    assert "inertia_kg_m2" not in differences(d, d.evidence.held_out[0])  # type: ignore[arg-type]
-    assert all("inertia_kg_m2" not in row.differs for row in transfer(d))  # type: ignore[arg-type]
+    assert "inertia_kg_m2" not in differences(d, d.evidence.held_out[0])
+    assert all("inertia_kg_m2" not in row.differs for row in transfer(d))
 
 
 def test_without_a_cause_nothing_is_transferred(tmp_path):
     d = told(tmp_path, {"inertia_kg_m2": 0.0896})
     d.cause = None
-    assert transfer(d) == ()  # type: ignore[arg-type]
+    assert transfer(d) == ()
