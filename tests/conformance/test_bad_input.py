@@ -132,8 +132,12 @@ RECORDINGS: dict[str, tuple[Files, int, str, str]] = {
 
 CART = (Path(__file__).parents[2] / "data" / "rigs" / "cart.py").read_text(encoding="utf-8")
 UNUSED_PORT = CART.replace("ports = {", 'ports = {"spare": Port("reading", "m"), ')
+NO_KIND = CART.replace("ports = {", 'ports = {"brake": Port("motin", "N"), ')
+NO_NUMBER = CART.replace("p.mass_kg}", "((5.0 - p.mass_kg) ** 0.5)}")
 #: words, exit status, code, key words. Beside a good rec.csv lie bad.csv, mass.py with a port that
-#: passes nothing, evil.csv whose TOML names evil.py, a folder taken/, and a file called file
+#: passes nothing, kind.py with a port of no kind, root.py whose rates are no numbers, broken.py,
+#: odd.csv with columns of no rig, evil.csv whose TOML names evil.py, a folder taken/, and a file
+#: called file
 WORDS: tuple[tuple[str, int, str, str], ...] = (
     ("", 2, "usage", ""),
     ("diagnos", 2, "usage", "diagnose"),
@@ -143,6 +147,11 @@ WORDS: tuple[tuple[str, int, str, str], ...] = (
     ("rigs one-dfo", 3, "", "one-dof"),
     ("rigs mass.py", 3, "", "spare|drop the port"),
     ("check rek.csv", 3, "", "rec.csv"),
+    ("check mass.py", 3, "", "equations|'spare'"),
+    ("check kind.py", 3, "", "'motion'"),
+    ("check root.py", 3, "", "finite|at mass_kg = "),
+    ("check broken.py", 3, "", "line 2"),
+    ("effects --symptom wobbles", 2, "usage", "stops-short"),
     ("check null", 3, "", "pipe"),
     ("check taken", 3, "", "folder"),
     ("check rec.csv --figure file/x.png", 3, "", "file"),
@@ -164,6 +173,7 @@ WORDS: tuple[tuple[str, int, str, str], ...] = (
     ("fit rec.csv --no-check --output taken", 3, "run-folder", "not a run"),
     ("fit rec.csv --no-check --output taken --overwrite", 3, "run-folder", "not a run"),
     ("fit rec.csv --no-check --output file", 2, "usage", "is a file"),
+    ("diagnose odd.csv", 2, "usage", "No rig is named|--rig|pamid new-rig"),
     ("diagnose rec.csv --seed -1", 2, "usage", "--seed"),
     ("diagnose rec.csv --setting refit=5", 2, "usage", "refits"),
     ("diagnose rec.csv --setting refits", 2, "usage", "NAME=VALUE"),
@@ -191,9 +201,17 @@ WORDS: tuple[tuple[str, int, str, str], ...] = (
     ("generate-aprbs --rig one-dog", 3, "", "one-dof"),
     ("generate-aprbs --loop open --amplitude 2", 2, "usage", "+-1"),
     ("generate-aprbs --hold 2 1", 2, "usage", "shorter"),
+    ("generate-aprbs --hold 0.0001 1", 2, "usage", ""),
+    ("generate-aprbs --duration 0", 2, "usage", ""),
+    ("generate-aprbs --duration 1", 2, "usage", ""),
+    ("generate-aprbs --duration inf", 2, "usage", ""),
+    ("generate-aprbs --levels 1", 2, "usage", ""),
+    ("generate-aprbs --rate-limit 0", 2, "usage", ""),
+    ("generate-aprbs --amplitude 0", 2, "usage", "positive"),
     ("generate-aprbs --amplitude nan", 2, "usage", "positive"),
     ("generate-aprbs --column force_n", 2, "usage", "--amplitude"),
     ("generate-aprbs --duration 20 --output file/x.csv", 3, "", ""),
+    ("generate-aprbs --duration 20 --output rec.csv", 3, "", "--overwrite"),
     ("generate-aprbs --pressure 200", 2, "usage", "--pressure"),
     ("generate-aprbs --figure x.svg", 2, "usage", "PNG"),
     ("generate-aprbs --signal prbs --levels 3", 2, "usage", "--levels"),
@@ -232,6 +250,9 @@ WORDS: tuple[tuple[str, int, str, str], ...] = (
     ("simulate --model run --excitation rec.csv --set mas=1", 3, "", "no parameter"),
     ("simulate --model run --excitation slow.csv", 4, "", "0.003 s"),
     ("score run joint.csv", 4, "overlap", ""),
+    ("score run slow.csv --fail-if 'angle_deg > nan'", 2, "usage", "--fail-if"),
+    ("score run slow.csv --fail-if 'angle_deg > soon'", 2, "usage", "--fail-if"),
+    ("score run slow.csv --fail-if 'angle_deg > '", 2, "usage", "--fail-if"),
     ("score run slow.csv", 4, "", "0.01 s"),
     ("train-residual run --network anfis --hidden 5", 2, "usage", "--hidden"),
     ("train-residual run --network narx --sets 3", 2, "usage", "--sets"),
@@ -295,6 +316,9 @@ DAMAGED: tuple[tuple[str, str, Any, int, str], ...] = (
     ("report page", "fit.json", ("schema", "pamid.fit/9"), 3, "schema|pamid.fit/1"),
     ("report page", "fit.json", ("mae", "angle_deg", 3), 3, "mae.angle_deg"),
     ("report page", "diagnosis.json", "[]", 3, "object"),
+    ("report page", "diagnosis.json", ("schema", "pamid.diagnosis/1"), 3,
+     "now pamid.diagnosis/3|separate probability|pamid diagnose"),
+    ("report page", "diagnosis.json", ("schema", "pamid.diagnosis/4"), 3, "'pamid.diagnosis/3'"),
     ("report page", "diagnosis.json", ("verdict", "explaned"), 3, "verdict|explaned"),
     ("report page", "diagnosis.json", ("causes", []), 3, "a list of effects"),
     ("report page", "diagnosis.json", ("where", "windows_s", [[1.0]]), 3, "pairs"),
@@ -315,7 +339,7 @@ DAMAGED: tuple[tuple[str, str, Any, int, str], ...] = (
     ("report trial", "trial.json", ("rates", "family_first", "share", "most"), 3, "share|number"),
     ("report trial", "trial.json", ("reliability", 0, "right", GONE), 3, "reliability[0].right"),
     ("report trial", "trial.json", ("confusion", []), 3, "confusion|object"),
-)
+)  # fmt: skip
 
 
 def put(folder: Path, files: Files) -> None:
@@ -343,6 +367,8 @@ def here(joint, tmp_path, monkeypatch) -> Path:
     for name in ("csv", "toml"):
         shutil.copy(joint / f"rec.{name}", tmp_path / f"joint.{name}")
     put(tmp_path, {**table(HEAD, *ROWS), "bad.csv": cell("inf")["rec.csv"], "mass.py": UNUSED_PORT})
+    put(tmp_path, {"odd.csv": table("time_s,drive_n_m,turn_rad,x_v", *ROWS)["rec.csv"]})
+    put(tmp_path, {"kind.py": NO_KIND, "root.py": NO_NUMBER, "broken.py": "x = 1\nclass Rig(:\n"})
     put(
         tmp_path,
         {

@@ -16,8 +16,6 @@ from pamid_cli import frame
 from pamid_cli.table import COMMANDS
 
 from pamid.base.errors import ConvergenceError, DataError, FileError, UsageError
-from pamid.base.files import sha256_of
-from pamid.recording.recording import read_recording
 
 HEAVY = ("pamid.model", "numpy", "scipy", "pandas", "pydantic", "torch", "numba", "matplotlib")
 Planted = Callable[[Callable[[], frame.Result]], None]
@@ -97,24 +95,6 @@ def test_examples_run_one_after_the_other(tmp_path):
                 text=True,
             )
             assert done.returncode == 0, f"{line}\n{done.stderr}"
-
-
-USAGE = [
-    ["diagnos"],
-    [],
-    ["simulate"],
-    ["--nonsense"],
-]
-
-
-@pytest.mark.parametrize("arguments", USAGE, ids=" ".join)
-def test_wrong_usage_as_json(arguments, capsys):
-    assert frame.run([*arguments, "--json"]) == 2
-    captured = capsys.readouterr()
-    error = _object(captured.out)
-    assert error.keys() == {"schema", "code", "message", "hint"}
-    assert (error["schema"], error["code"]) == ("pamid.error/1", "usage")
-    assert captured.err == ""
 
 
 ERRORS = [(UsageError, 2), (FileError, 3), (DataError, 4), (ConvergenceError, 5)]
@@ -220,24 +200,3 @@ def test_a_reader_that_leaves_keeps_the_exit_code(monkeypatch):
     met = click.Command("score", callback=lambda: frame.Result({}, "text", 7))
     monkeypatch.setattr(frame, "load_command", lambda _: met)
     assert frame.run(["score"]) == 7
-
-
-def _generate(*more: str) -> int:
-    return frame.run(["generate-aprbs", "--duration", "20", "--seed", "7", *more])
-
-
-def test_generate_aprbs(tmp_path, capsys):
-    path = tmp_path / "new" / "excitation.csv"
-    assert _generate("--output", str(path), "--json") == 0
-    told = _object(capsys.readouterr().out)
-    assert told == json.loads(path.with_suffix(".json").read_text())
-    assert (
-        told["sha256"] == sha256_of(path) and told["range"] == [-40, 40] and told["unit"] == "deg"
-    )
-    recording = read_recording(path)
-    assert list(recording.columns) == ["reference_deg"] and recording.sampling_period_s == 0.003
-    first = path.read_bytes()
-    assert _generate("--output", str(path)) == 3
-    assert "--overwrite" in capsys.readouterr().err
-    assert _generate("--output", str(path), "--overwrite") == 0 and path.read_bytes() == first
-    assert "evenness" in capsys.readouterr().out

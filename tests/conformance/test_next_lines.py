@@ -436,9 +436,21 @@ def test_one_of_them_is_there(command, here, run):
 
 
 def test_after_a_check(recorded, here, run, taken):
-    (line,) = lines_of(run("check", str(recorded["one-dof"].path), "--rig", "one-dof"))
+    """Also where a column is missing, and where no rig has these columns."""
+    whole = recorded["one-dof"].path
+    (line,) = lines_of(run("check", str(whole), "--rig", "one-dof"))
     run(*line, code=TAKEN)
     assert line[0] == "diagnose" and len(taken) == 1
+    text = whole.read_text()
+    Path("less.csv").write_text(text.replace("command", "comand"))
+    told = run("check", "less.csv", "--rig", "one-dof", code=3)
+    (again,) = lines_of(told, "Next: repair it, then ")
+    run(*again, code=3)
+    rows = [",".join(row.split(",")[:3]) for row in text.splitlines()[1:]]
+    Path("odd.csv").write_text("\n".join(["time_s,drive_n_m,turn_rad", *rows]) + "\n")
+    (new_rig,) = lines_of(run("check", "odd.csv"))
+    assert new_rig[0] == "new-rig"
+    run(*new_rig, "--like", "servo-axis")
 
 
 def test_every_command_that_prints_such_a_line_is_walked():

@@ -183,7 +183,7 @@ def holding_an_object(path: Path) -> None:
     np.savez(path, weights=np.array([Trap(path.with_name("sprung"))], dtype=object))
 
 
-#: every npz that pamid reads is read by `load_arrays`, see test_nothing_evaluates_or_unpickles
+#: every npz that pamid reads is read by `load_arrays`, as pyproject.toml has it (banned-api)
 BOMBS: dict[str, Callable[[Path], Any]] = {
     "compressed": lambda path: packed(
         path, {NAME: header((4_000_000,)) + bytes(32_000_000)}, zipfile.ZIP_DEFLATED

@@ -61,28 +61,21 @@ def test_an_effect_at_many_ports_is_shortened(effect, text):
 # ---- what remains -------------------------------------------------------------------------------
 
 
+SIZE = "14 % of the gap remains, and the error is 1.4 times the noise floor."
+PLACE = {"real": True, "port": "muscle"}
+
+
 @pytest.mark.parametrize(
     ("rest", "words"),
     [
-        ({"floors": 14.0}, "14 % of the gap remains, and the error is 14 times the noise floor."),
-        ({"floors": 1.03}, "14 % of the gap remains, and the error is at the noise floor."),
-        ({"floors": 0.4}, "14 % of the gap remains, and the error is at the noise floor."),
+        ({"floors": 14.0}, SIZE.replace("1.4", "14")),
+        ({"floors": 1.03}, "the error is at the noise floor."),
+        ({"floors": 0.4}, "the error is at the noise floor."),
         ({"floors": None}, "14 % of the gap remains."),
-        ({"share": -0.02}, "0 % of the gap remains, and the error is 1.4 times the noise floor."),
-        (
-            {"port": "muscle"},
-            "14 % of the gap remains, and the error is 1.4 times the noise floor.",
-        ),
-        (
-            {"real": True, "port": "muscle"},
-            "14 % of the gap remains, and the error is 1.4 times the noise floor. It enters at the "
-            "muscle port.",
-        ),
-        (
-            {"real": True, "port": "muscle", "family": "drag"},
-            "1.4 times the noise floor. It enters at the muscle port, where a curve of the drag "
-            "family removes it.",
-        ),
+        ({"share": -0.02}, SIZE.replace("14 %", "0 %")),
+        ({"port": "muscle"}, SIZE),
+        (PLACE, f"{SIZE} It enters at the muscle port."),
+        (PLACE | {"family": "drag"}, "port, where a curve of the drag family removes it."),
     ],
 )
 def test_what_remains_is_told_with_size_and_place(rest, words):
