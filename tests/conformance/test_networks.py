@@ -27,6 +27,8 @@ KINDS = [
     Narx(2, 3, stride=1),
     Narx(1, 2, 1, 3, stride=4),
 ]
+#: sizes that only the derivative is tried with: one of a kind, more than one vector of units
+SIZES = [Elman(5, 10), Elman(1, 1), Elman(1, 11), Narx(), Narx(1, 1, 0, 1, 1), Narx(2, 5, 3, 1, 7)]
 
 
 @pytest.fixture(params=KINDS, ids=repr)
@@ -54,6 +56,7 @@ def test_every_kind_is_in_the_suite():
     assert kinds == {k.kind for k in KINDS} and kinds <= modules
 
 
+@pytest.mark.parametrize("network", [*KINDS, *SIZES], ids=repr)
 def test_the_derivative_is_exact(network):
     u, _ = record(network, 120)
     w = weights_of(network)
@@ -68,9 +71,10 @@ def test_the_derivative_is_exact(network):
 def test_sums_are_those_of_the_jacobian(network):
     u, t = record(network, 2500)  # several chunks
     w = weights_of(network)
-    jacobian, error = network.jacobian(w, u)[70:], (t - network.simulate(w, u))[70:]
-    for threads in (1, 2):
-        sse, jtj, jte = network.normal_equations(w, u, t, 70, threads)
+    whole, errors = network.jacobian(w, u), t - network.simulate(w, u)
+    for threads, washout in ((1, 70), (2, 70), (1, 0), (1, 1500)):
+        jacobian, error = whole[washout:], errors[washout:]
+        sse, jtj, jte = network.normal_equations(w, u, t, washout, threads)
         assert sse == pytest.approx(error @ error, rel=1e-10)
         np.testing.assert_allclose(
             jtj, jacobian.T @ jacobian, rtol=1e-9, atol=1e-9 * np.abs(jtj).max()

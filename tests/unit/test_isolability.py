@@ -185,23 +185,6 @@ def test_published_table_of_the_joint(outputs, redundancy, classes):
     assert _their_classes(found) == {frozenset(c.split()) for c in classes.split(", ")}
 
 
-def test_ports_in_line_stay_together_until_what_lies_between_is_measured():
-    found = isolability(OneDof(), ANGLE + PRESSURES + FORCES)
-    assert {("valve_1", "pressure_1", "relief_1"), ("muscle_2", "chain_2"), ("joint", "arm")} < set(
-        found.places
-    )
-    behind = isolability(Tapped(), ANGLE + PRESSURES + TORQUE)
-    assert ("arm",) in behind.places and (
-        "muscle_1",
-        "muscle_2",
-        "chain_1",
-        "chain_2",
-        "joint",
-    ) in behind.places
-    metered = isolability(Tapped(), ANGLE + PRESSURES + FLOWS)
-    assert ("valve_1",) in metered.places and ("pressure_1", "relief_1") in metered.places
-
-
 def test_groups_and_sensors_of_the_joint():
     alone = isolability(OneDof(), ANGLE)
     assert alone.groups == (

@@ -6,10 +6,8 @@ import math
 import numpy as np
 import pytest
 
-import pamid.networks.narx as narx_module
 from pamid.networks.narx import Narx
 from pamid.networks.network_training import train
-from pamid.networks.trained_network import load_network, save_network, train_on_signals
 from pamid.networks.training_problem import TrainingOptions
 
 SIZES = [  # inputs, hidden, input_lags, output_lags, stride
@@ -54,17 +52,6 @@ def by_hand(network: Narx, weights: np.ndarray, u: np.ndarray) -> np.ndarray:
     return np.array(y)
 
 
-def central_differences(
-    network: Narx, weights: np.ndarray, u: np.ndarray, step: float = 1e-5
-) -> np.ndarray:
-    nudges = step * np.eye(network.n_weights)
-    columns = [
-        (network.simulate(weights + d, u) - network.simulate(weights - d, u)) / (2.0 * step)
-        for d in nudges
-    ]
-    return np.column_stack(columns)
-
-
 @pytest.mark.parametrize("network", SIZES, ids=repr)
 def test_simulation_follows_the_equations(network):
     u, _ = record(network.inputs, 80, seed=1)
@@ -72,31 +59,6 @@ def test_simulation_follows_the_equations(network):
     np.testing.assert_allclose(
         network.simulate(weights, u), by_hand(network, weights, u), rtol=0, atol=1e-12
     )
-
-
-@pytest.mark.parametrize("network", SIZES, ids=repr)
-def test_jacobian_equals_central_differences(network):
-    u, _ = record(network.inputs, 150, seed=5)
-    weights = lively(network, 6)
-    exact = network.jacobian(weights, u)
-    assert exact.shape == (150, network.n_weights)
-    np.testing.assert_allclose(exact, central_differences(network, weights, u), rtol=0, atol=1e-7)
-    # every weight, so every group of weights, was tried
-    assert np.all(np.abs(exact).max(axis=0) > 1e-4)
-
-
-def test_normal_equations_equal_the_stored_jacobian(monkeypatch):
-    monkeypatch.setattr(narx_module, "CHUNK", 64)  # several chunks, the last one short
-    network = Narx(3, 5, 2, 2, 6)
-    u, target = record(3, 200, seed=9)
-    weights = lively(network, 10)
-    jacobian, error = network.jacobian(weights, u), target - network.simulate(weights, u)
-    for washout in (0, 5, 64, 100, 199):
-        sse, jtj, jte = network.normal_equations(weights, u, target, washout)
-        rows, e = jacobian[washout:], error[washout:]
-        assert sse == pytest.approx(e @ e, rel=1e-12)
-        np.testing.assert_allclose(jtj, rows.T @ rows, rtol=1e-11, atol=1e-11)
-        np.testing.assert_allclose(jte, rows.T @ e, rtol=1e-11, atol=1e-11)
 
 
 @pytest.mark.parametrize(
@@ -136,19 +98,3 @@ def test_learns_a_known_narx():
     assert trained.trace["mse"][0] > 1e-2
     assert trained.trace["mse"][-1] < 1e-15, trained.starts_mse
     assert trained.summary["converged"]
-
-
-def test_round_trip_through_files(tmp_path):
-    _, u, y = known_narx()
-    trained, _ = train_on_signals(
-        Narx(1, 3, 1, 2, 3),
-        {"command": u[:, 0]},
-        7.0 * y,
-        output_name="angle_deg",
-        period_s=0.003,
-        options=TrainingOptions(iterations=4),
-    )
-    save_network(tmp_path, trained)
-    loaded = load_network(tmp_path)
-    assert loaded.network == Narx(1, 3, 1, 2, 3)
-    np.testing.assert_array_equal(loaded.predict(u), trained.predict(u))

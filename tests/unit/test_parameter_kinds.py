@@ -1,15 +1,9 @@
 """Constructors of the common kinds of parameters, and the files that state every field instead."""
 
-from pathlib import Path
-
 import pytest
 
-from pamid.intake.checks.conformance import finite_everywhere
 from pamid.model.parameter import Parameter
-from pamid.model.registry import effects, effects_with, rig_named
-
-ROOT = Path(__file__).resolve().parents[2]
-MEASURED = ROOT.parent / "shared" / "data" / "real"
+from pamid.model.registry import effects, effects_with
 
 #: as users write effects and rigs without the constructors
 EFFECT = '''"""Friction of a seal.
@@ -132,12 +126,3 @@ def test_a_sensor_of_one_unit_acts_on_its_readings_alone(sensor):
         sensor.startswith("pressure"),
         False,
     ]
-
-
-def test_rig_files_of_measured_machines_load():
-    """Rigs that were written outside of this project, before the constructors existed."""
-    files = sorted(MEASURED.glob("*/rig*.py"))
-    if not files:
-        pytest.skip(f"the measured machines are not there: {MEASURED}")
-    for path in files:
-        assert finite_everywhere(rig_named(str(path))) == [], path

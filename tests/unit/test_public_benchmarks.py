@@ -60,18 +60,6 @@ def test_a_model_sees_the_first_samples_of_a_test_alone(modules):
     assert record.y[0] == 1.0
 
 
-def test_starts_and_units_are_those_of_the_benchmarks(modules):
-    _, sets = modules
-    found = {s.name: (s.start, s.scale, s.unit) for s in sets.SETS.values()}
-    assert found == {
-        "cascaded_tanks": (5, 1.0, "V"),
-        "emps": (20, 1000.0, "mm"),
-        "silverbox": (50, 1000.0, "mV"),
-    }
-    assert all(len(s.published) == len(s.tests) for s in sets.SETS.values())
-    assert all(t.file != s.fit for s in sets.SETS.values() for t in s.tests)
-
-
 def test_the_peers_are_pinned_alike_in_both_places(modules):
     published, _ = modules
     wanted = published.peer_packages((ROOT / "pyproject.toml").read_text())

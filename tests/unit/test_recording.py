@@ -8,7 +8,6 @@ import pytest
 
 from pamid.recording.recording import read_recording, write_recording
 
-EMPS = Path(__file__).resolve().parents[3] / "shared" / "data" / "emps"
 ROWS = 60
 
 
@@ -119,17 +118,3 @@ def test_what_is_written_is_read_again(tmp_path):
     write_recording(path, recording.time, recording.columns, meta)
     assert path.read_bytes() == first
     assert sorted(item.name for item in tmp_path.iterdir()) == ["out.csv", "out.toml"]
-
-
-@pytest.mark.skipif(
-    not EMPS.is_dir(), reason="the measured EMPS records are not beside this checkout"
-)
-@pytest.mark.parametrize("name", ["estimation", "pulses"])
-def test_measured_records_load(name):
-    recording = read_recording(EMPS / f"{name}.csv")
-    assert (
-        len(recording) == 24841
-        and recording.sampling_period_s == 0.001
-        and recording.loop == "closed"
-    )
-    assert recording.warnings == ()

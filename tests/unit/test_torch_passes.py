@@ -161,18 +161,6 @@ def test_training_takes_the_same_steps_and_one_batch_serves_all_starts(network):
     assert set(engine.sizes) == {3} and len(engine.sizes) == 2 * 7
 
 
-@pytest.mark.parametrize("network", SMALL, ids=repr)
-def test_long_training_reaches_the_same_error(network):
-    us, ts = held_records()
-    draw = np.random.default_rng(3)
-    noisy = [t + 0.02 * draw.standard_normal(len(t)) for t in ts]
-    compiled, by_torch = (
-        train(network, us, noisy, engine=engine, options=TrainingOptions(iterations=60))
-        for engine in (None, engine_on("cpu", network))
-    )
-    assert by_torch.starts_mse == pytest.approx(compiled.starts_mse, rel=0.03)
-
-
 def test_starts_that_end_early_leave_the_others_alone():
     us, ts = held_records()
     engine = Counting(Elman(2, 3))

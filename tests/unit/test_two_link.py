@@ -9,7 +9,6 @@ import pytest
 from pamid.base.arrays import Array
 from pamid.engine.program import Stepping
 from pamid.engine.sampled_inputs import SampledInputs
-from pamid.engine.symbolic.expression import symbol
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.rigs.two_link import MUSCLES
@@ -22,7 +21,7 @@ mujoco = pytest.importorskip(
 ARM = """
 <mujoco>
   <compiler angle="radian"/>
-  <option gravity="0 0 -9.81" timestep="{step}" integrator="RK4"><flag contact="disable"/></option>
+  <option gravity="0 0 -9.81" timestep="0.001" integrator="RK4"><flag contact="disable"/></option>
   <worldbody>
     <body name="link_1">
       <joint name="one" type="hinge" axis="0 1 0" damping="{b1}"/>
@@ -65,10 +64,10 @@ def parameters(a: Assembly, **changed: float) -> Array:
     return p
 
 
-def judge(a: Assembly, p: Array, step: float = 1e-3) -> tuple[Any, Any]:
+def judge(a: Assembly, p: Array) -> tuple[Any, Any]:
     """MuJoCo's arm with the same links."""
     numbers = {short: repr(float(p[a.keys[key]])) for key, short in OWN.items()}
-    model = mujoco.MjModel.from_xml_string(ARM.format(step=step, **numbers))
+    model = mujoco.MjModel.from_xml_string(ARM.format(**numbers))
     return model, mujoco.MjData(model)
 
 
@@ -81,67 +80,19 @@ def rates(a: Assembly, p: Array, x: Array, u: Array) -> Array:
     return out[0, -len(a.rig.states) :]
 
 
-def furthest_acceleration(states: int = 1000) -> float:
-    """Largest difference from MuJoCo's accelerations at random states, relative to the larger of
-    the two joints'."""
+def test_accelerations_are_those_of_mujoco():
+    """At random states, relative to the larger of the two joints'."""
     a, random = arm(), np.random.default_rng(0)
     p = parameters(a, attached=0.0, payload=0.35)
     model, data = judge(a, p)
-    worst = 0.0
-    for _ in range(states):
-        q, w, torque = (
-            random.uniform(-3.1, 3.1, 2),
-            random.uniform(-8.0, 8.0, 2),
-            random.uniform(-20.0, 20.0, 2),
-        )
+    for _ in range(1000):
+        q, w = random.uniform(-3.1, 3.1, 2), random.uniform(-8.0, 8.0, 2)
+        torque = random.uniform(-20.0, 20.0, 2)
         data.qpos[:], data.qvel[:], data.qfrc_applied[:] = q, w, torque
         mujoco.mj_forward(model, data)
         state = np.concatenate([q, w, np.full(4, 6e5)])
         mine = rates(a, p, state, np.array([0.0, 0.0, *torque]))[2:4]
-        worst = max(worst, float(np.abs(mine - data.qacc).max() / np.abs(data.qacc).max()))
-    return worst
-
-
-def test_accelerations_are_those_of_mujoco():
-    assert furthest_acceleration() < 1e-12
-
-
-def test_a_gravity_swing_is_that_of_mujoco():
-    a = arm()
-    p = parameters(a, attached=0.0, initial_angle_1=1.2, initial_angle_2=-0.7)
-    model, data = judge(a, p, step=2e-4)
-    data.qpos[:] = 1.2, -0.7
-    period, n = 0.001, 5000
-    program, step = a.program, Stepping(8)
-    memory = program.memory(a.start(p), stepping=step, period_s=period)
-    y, _, _ = program.run(memory, SampledInputs(np.zeros((n, 4)), period), p, stepping=step)
-    worst = 0.0
-    for k in range(n):
-        worst = max(worst, float(np.abs(y[k] - data.qpos).max()))
-        for _ in range(5):
-            mujoco.mj_step(model, data)
-    assert worst < 1e-6
-
-
-def test_energy_is_kept_without_friction():
-    a = arm()
-    p = parameters(
-        a, attached=0.0, viscous_1=0.0, viscous_2=0.0, initial_angle_1=1.5, initial_angle_2=0.9
-    )
-    program = a.program_with({f"state.{s.name}": symbol("state", s.name) for s in a.rig.states[:4]})
-    period, step = 0.001, Stepping(8)
-    memory = program.memory(a.start(p), stepping=step, period_s=period)
-    y, _, _ = program.run(memory, SampledInputs(np.zeros((5000, 4)), period), p, stepping=step)
-    q1, q2, w1, w2 = y[:, -4:].T
-    m1, c1, i1, l1, m2, c2, i2 = (float(p[a.keys[k]]) for k in list(OWN)[:7])
-    v1 = c1 * w1
-    elbow = np.stack([l1 * w1 * np.cos(q1), l1 * w1 * np.sin(q1)])
-    v2 = elbow + c2 * (w1 + w2) * np.stack([np.cos(q1 + q2), np.sin(q1 + q2)])
-    kinetic = 0.5 * (m1 * v1**2 + i1 * w1**2 + m2 * (v2**2).sum(axis=0) + i2 * (w1 + w2) ** 2)
-    potential = -9.81 * (m1 * c1 * np.cos(q1) + m2 * (l1 * np.cos(q1) + c2 * np.cos(q1 + q2)))
-    energy = kinetic + potential
-    assert kinetic.max() > 5.0
-    assert np.abs(energy - energy[0]).max() < 1e-8 * kinetic.max()
+        assert np.abs(mine - data.qacc).max() < 1e-12 * np.abs(data.qacc).max()
 
 
 @pytest.mark.parametrize("how", ["clamped", "nothing there"])
