@@ -9,7 +9,6 @@ from conformance_rules import (
     assembled,
     at_null,
     cases,
-    drawn,
     excitation,
     one_sided,
     own,
@@ -21,8 +20,13 @@ from conformance_rules import (
     typical,
 )
 
-from pamid.engine.program import Stepping
-from pamid.intake.checks.conformance import follows_mean
+from pamid.intake.checks.conformance import (
+    SAME_SLOPE,
+    finite_everywhere,
+    follows_mean,
+    null_error,
+    sensitivity_error,
+)
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.effect import Hints, problems
@@ -42,10 +46,6 @@ def each(cases: list[Case]) -> pytest.MarkDecorator:
 
 each_case = each(CASES)
 each_effect = pytest.mark.parametrize("effect", CATALOGUE, ids=lambda e: e.name)
-
-
-def seeded(case: Case) -> np.random.Generator:
-    return np.random.default_rng(list(str(case).encode()))
 
 
 # ---- data sheets --------------------
@@ -116,14 +116,15 @@ def test_excitation_moves_the_rig(name):
 
 
 @each_case
-def test_null_is_exact(case):
-    assembly, rng = assembled(case), seeded(case)
-    u, plain = excitation(case.rig), plain_run(case.rig)
-    scale = np.abs(plain).max(axis=0)
-    for _ in range(3):
-        y, _, bad = run(assembly, u, at_null(assembly, drawn(assembly, rng)))
-        assert bad == -1
-        assert np.max(np.abs(y - plain) / scale) <= 1e-12
+def test_it_is_sound_by_the_rules_of_check(case):
+    """Exact at its null, finite within its bounds, its derivatives those of differences. What
+    `pamid check` does not see is the matter of tests/unit/test_check_slopes.py and of
+    tests/conformance/test_commands_catalogue.py."""
+    rig, attachment = rig_of(case.rig), case.attachment
+    assert null_error(rig, attachment) <= 1e-12
+    assert finite_everywhere(rig, attachment) == []
+    if not follows_mean(rig, attachment):  # a staircase: tests/unit/test_rounded_reading.py
+        assert sensitivity_error(rig, attachment) < SAME_SLOPE
 
 
 @each_case
@@ -148,60 +149,6 @@ def test_typical_size_is_seen(case):
     if case.attachment.effect.family == "saturation" and one_sided(case):
         return  # a side that never comes cannot be cut off
     assert max(changes) > 1e-5
-
-
-@each_case
-def test_finite_within_the_bounds(case):
-    assembly, rng = assembled(case), seeded(case)
-    for _ in range(20):
-        p = drawn(assembly, rng)
-        y, _, bad = run(assembly, excitation(case.rig), p)
-        if bad != -1:  # stiff: a fit takes the implicit step there
-            y, _, bad = run(assembly, excitation(case.rig), p, stepping=Stepping(4, implicit=True))
-        assert bad == -1 and np.all(np.isfinite(y)), dict(zip(assembly.keys, p, strict=True))
-
-
-@each_case
-def test_sensitivities_equal_central_differences(case):
-    """Half of all samples to 1e-5 of the largest sensitivity, 95 % to 1e-2.
-
-    A difference quotient errs by truncation (wide steps), round-off (narrow ones) and where it
-    straddles a kink (a play that turns round, a pulse that ends), after which the whole motion is
-    another; each fades at some width. A wrong derivative is wrong at every width, so the best of
-    three widths is asked for.
-    """
-    assembly = assembled(case)
-    if follows_mean(assembly.rig, case.attachment):
-        pytest.skip("a staircase; see tests/unit/test_rounded_reading.py")
-    u, p = excitation(case.rig), typical(assembly)
-    columns = [*own(assembly), next(i for i, b in enumerate(assembly.parameters) if b.fitted)]
-    y, exact, bad = run(assembly, u, p, columns)
-    assert bad == -1
-    np.testing.assert_allclose(y, run(assembly, u, p)[0], rtol=0.0, atol=1e-11 * np.abs(y).max())
-    for k, i in enumerate(columns):
-        b = assembly.parameters[i]
-        if b.unit == "s" and b.high < assembly.rig.period_s and not b.fitted:
-            continue  # thousands of turns within a sample: round-off of the time drowns differences
-        span = abs(p[i]) if b.log else b.high - b.low
-        errors = [
-            quotient_error(assembly, u, p, i, width * span, exact[:, :, k])
-            for width in (1e-6, 1e-7, 1e-8)
-        ]
-        assert min(np.median(e) for e in errors) < 1e-5, b.key
-        assert min(np.quantile(e, 0.95) for e in errors) < 1e-2, b.key
-
-
-def quotient_error(
-    assembly: Assembly, u: np.ndarray, p: np.ndarray, i: int, h: float, exact: np.ndarray
-) -> np.ndarray:
-    """|central difference - exact|, relative to the largest value of each output."""
-    up, down = p.copy(), p.copy()
-    up[i] += h
-    down[i] -= h
-    above, below = run(assembly, u, up)[0], run(assembly, u, down)[0]
-    quotient = (above - below) / (2.0 * h)
-    noise = 1e-9 * np.abs(above).max(axis=0) / h  # nothing below this can be told from round-off
-    return np.abs(quotient - exact) / np.maximum(np.abs(quotient).max(axis=0), noise)
 
 
 # ---- copies --------------------

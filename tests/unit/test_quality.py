@@ -188,17 +188,8 @@ def test_a_poor_excitation_is_told(joint, sent, word):
 
 CONTRADICTIONS: dict[str, tuple[Callable[[Columns], Columns], str, set[str], str]] = {
     "pressures": (lambda c: {P1: c[P2], P2: c[P1]}, "exchanged", {P1, P2}, "wrong"),
-    "forces": (
-        lambda c: {"force_1_n": c["force_2_n"], "force_2_n": c["force_1_n"]},
-        "exchanged",
-        {"force_1_n", "force_2_n"},
-        "wrong",
-    ),
-    "angle": (lambda c: {ANGLE: -c[ANGLE]}, "sign", {ANGLE}, "wrong"),
     "command": (lambda c: {"command": -c["command"]}, "sign", {"command"}, "wrong"),
-    "radians": (lambda c: {ANGLE: np.radians(c[ANGLE])}, "unit", {ANGLE}, "wrong"),
     "bar": (lambda c: {P1: c[P1] / 100.0, P2: c[P2] / 100.0}, "unit", {P1, P2}, "wrong"),
-    "pascal": (lambda c: {P1: c[P1] * 1000.0}, "unit", {P1}, "wrong"),
     "percent": (lambda c: {"command": 100.0 * c["command"]}, "unit", {"command"}, "wrong"),
     "absolute": (
         lambda c: {P1: c[P1] + 101.3, P2: c[P2] + 101.3},
