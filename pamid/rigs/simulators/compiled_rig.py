@@ -40,7 +40,6 @@ from pamid.rigs.simulators.mechanism import (
     Mechanism,
     MechanismSensor,
     Mount,
-    Vector,
 )
 from pamid.rigs.simulators.mechanism_log_names import log_names_of, vector_sizes_of
 from pamid.rigs.simulators.mechanism_pose import mechanism_pose
@@ -311,21 +310,15 @@ class MechanismEquations:
 
     def tendon_force(self, i: int) -> Expr:
         """Force of a tendon's spring and damper, against its length."""
-        t, value = self.m.tendons[i], self.value
+        t = self.m.tendons[i]
         length, rate = self.tendon(i)
         passed = self.dampers(rate, tendon=i)
         if not (t.stiffness or t.damping or any((*t.stiffness_powers, *t.damping_powers))):
             return -passed
         low, high = t.rest
         beyond = length - clip(length, low, high) if high > low else length - low
-        stiffness = value("tendon", i, "stiffness", t.stiffness)
-        damping = value("tendon", i, "damping", t.damping)
-        spring = self.polynomial("tendon", i, "stiffness", t.stiffness_powers, stiffness, beyond)
-        return (
-            -passed
-            - spring
-            - self.polynomial("tendon", i, "damping", t.damping_powers, damping, rate, odd=True)
-        )
+        spring = self.polynomial("tendon", i, "stiffness", beyond)
+        return -passed - spring - self.polynomial("tendon", i, "damping", rate)
 
     def dampers(self, velocity: Expr, *, joint: int = -1, tendon: int = -1) -> Expr:
         """Forces of the dampers of the actuators of a joint or a tendon against its velocity."""
@@ -333,32 +326,23 @@ class MechanismEquations:
         for i, a in enumerate(self.m.actuators):
             if (a.joint, a.tendon) == (joint, tendon) and (a.damping or any(a.damping_powers)):
                 gear = self.gear(i)
-                damping = damping + gear * gear * self.polynomial(
-                    "actuator", i, "damping", a.damping_powers, expression(a.damping), velocity,
-                    odd=True,
-                )  # fmt: skip
+                damper = self.polynomial("actuator", i, "damping", velocity)
+                damping = damping + gear * gear * damper
         return damping
 
-    def polynomial(
-        self,
-        element: str,
-        number: int,
-        attribute: str,
-        powers: Vector,
-        linear: Expr,
-        x: Expr,
-        *,
-        odd: bool = False,
-    ) -> Expr:
-        """linear x + b x^2 + c x^3; an odd polynomial has x |x| instead of x^2."""
-        total = linear * x
-        for word, stated, of in (
-            ("quadratic", powers[0], absolute(x) * x if odd else x * x),
+    def polynomial(self, element: str, number: int, attribute: str, x: Expr) -> Expr:
+        """a x + b x^2 + c x^3 for the stiffness of an element; a x + b x |x| + c x^3 for its
+        damping."""
+        stated: Any = getattr(self.m, f"{element}s")[number]
+        powers = getattr(stated, f"{attribute}_powers")
+        total = self.value(element, number, attribute, getattr(stated, attribute)) * x
+        for word, coefficient, of in (
+            ("quadratic", powers[0], absolute(x) * x if attribute == "damping" else x * x),
             ("cubic", powers[1], x * x * x),
         ):
-            if stated:
+            if coefficient:
                 name = f"{attribute}_{word}"
-                total = total + self.value(element, number, name, stated) * of
+                total = total + self.value(element, number, name, coefficient) * of
         return total
 
     def shares(self, a: Actuator) -> Iterable[tuple[int, Expr | float]]:
@@ -398,27 +382,15 @@ class MechanismEquations:
         It is the sum of spring and damper, the dampers of its actuators, gravity compensation, and
         friction if the file states no loss.
         """
-        joint, value = self.m.joints[j], self.value
-        qd = self.qd[j]
-        damping = value("joint", j, "damping", joint.damping)
-        stiffness = value("joint", j, "stiffness", joint.stiffness)
-        held_back = (
-            -self.polynomial("joint", j, "damping", joint.damping_powers, damping, qd, odd=True)
-            - self.polynomial(
-                "joint",
-                j,
-                "stiffness",
-                joint.stiffness_powers,
-                stiffness,
-                self.spring_deflection(j),
-            )
-            - self.dampers(qd, joint=j)
-        )
+        joint, qd = self.m.joints[j], self.qd[j]
+        spring = self.polynomial("joint", j, "stiffness", self.spring_deflection(j))
+        damper = self.polynomial("joint", j, "damping", qd)
+        held_back = -damper - spring - self.dampers(qd, joint=j)
         if self._is_lifted() and not joint.compensated_by_actuator:
             held_back = held_back + self.rigid.lift[j]
         if joint.friction_loss:
             return held_back  # its friction is solved with the accelerations
-        loss = value("joint", j, "frictionloss", 0.0)
+        loss = self.value("joint", j, "frictionloss", 0.0)
         slope = joint.friction_rate / self.softness(joint.friction_softness, {j: 1.0})
         return held_back - clip(slope * qd, -loss, loss)
 
@@ -445,29 +417,22 @@ class MechanismEquations:
 
     def coupling(self, c: Coupling) -> SoftCoupling:
         """A coupling at the present positions."""
-        (slopes, y), (below, x) = (
-            self._end(c, end, reference)
-            for end, reference in zip((c.first, c.second), c.references, strict=True)
-        )
+        ends = [self.shares_of(c, end) for end in (c.first, c.second) if end >= 0]
+        places = [sum((share * self.q[j] for j, share in of.items()), ZERO) for of in ends]
+        y = places[0] - c.references[0]
+        x = places[1] - c.references[1] if len(ends) > 1 else ZERO
         value, slope = expression(c.coefficients[-1]), ZERO
         for coefficient in reversed(c.coefficients[:-1]):
             slope = slope * x + value
             value = value * x + coefficient
-        for j, each in below.items():
-            slopes[j] = slopes.get(j, ZERO) - slope * each
+        slopes = {j: expression(share) for j, share in ends[0].items()}
+        for of in ends[1:]:
+            for j, share in of.items():
+                slopes[j] = slopes.get(j, ZERO) - slope * share
         error, speed = y - value, sum((each * self.qd[j] for j, each in slopes.items()), ZERO)
-        share = impedance(c.impedance, error)
-        ends = [self.shares_of(c, end) for end in (c.first, c.second) if end >= 0]
-        softness = self.softness((1.0 - share) / share, *ends)
-        return SoftCoupling(slopes, -c.rate * speed - c.stiffness * share * error, softness)
-
-    def _end(self, c: Coupling, number: int, reference: float) -> tuple[dict[int, Expr], Expr]:
-        """Slopes by joint of an end of a coupling, and its distance from the reference."""
-        if number < 0:
-            return {}, ZERO
-        slopes = {j: expression(share) for j, share in self.shares_of(c, number).items()}
-        position = self.q[number] if c.kind == "joint" else self.tendon(number)[0]
-        return slopes, position - reference
+        d = impedance(c.impedance, error)
+        softness = self.softness((1.0 - d) / d, *ends)
+        return SoftCoupling(slopes, -c.rate * speed - c.stiffness * d * error, softness)
 
     def shares_of(self, c: Coupling, number: int) -> dict[int, float]:
         """Shares of the joints in the motion of one end of a coupling."""

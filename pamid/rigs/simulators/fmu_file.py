@@ -44,8 +44,7 @@ class FmuVariable:
     reference: int
     unit: str
     start: float
-    tunable: bool = False
-    about: str = ""
+    tunable: bool
 
     @property
     def si(self) -> str:
@@ -318,7 +317,6 @@ def _variable(v: Any, used_names: dict[str, int]) -> FmuVariable:
         symbol,
         float(start or 0.0),
         v.variability == "tunable",
-        v.description or "",
     )
 
 

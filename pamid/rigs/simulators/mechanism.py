@@ -25,7 +25,6 @@ class Body:
     position, quaternion        of its frame in its parent's
     centre, inertia_quaternion  of its principal axes in the body's frame
     inertia                     kg m2 about these axes
-    line                        line in the file, 0 if unknown; the same for all elements
     gravity_compensation        share of its weight that an upward force at its centre carries
     """
 
@@ -37,7 +36,6 @@ class Body:
     centre: Vector
     inertia_quaternion: Vector
     inertia: Vector
-    line: int = 0
     gravity_compensation: float = 0.0
 
     def scaled(self, mass_kg: float) -> Body:
@@ -53,6 +51,7 @@ class MechanismJoint:
 
     The joints of a body follow each other.
 
+    line             in the file, 0 if unknown
     reference        position of the joint in the file's pose
     spring_reference position at which the spring is relaxed
     friction_rate, friction_softness  1/s, and relative to the inverse inertia: onset of the
@@ -120,7 +119,6 @@ class MechanismTendon:
     damping: float
     friction_loss: float
     rest: Range
-    line: int = 0
     damping_powers: Vector = (0.0, 0.0)
     stiffness_powers: Vector = (0.0, 0.0)
 
@@ -140,7 +138,6 @@ class Coupling:
     impedance       (at no error, at a width, the width, midpoint, power)
     """
 
-    name: str
     kind: str
     first: int
     second: int
@@ -149,7 +146,6 @@ class Coupling:
     rate: float
     stiffness: float
     impedance: Vector
-    line: int = 0
 
 
 def coupled_joints(
@@ -244,7 +240,6 @@ class Actuator:
     armature: float = 0.0
     damping: float = 0.0
     delay_s: float = 0.0
-    line: int = 0
     adr: int = -1
     damping_powers: Vector = (0.0, 0.0)
     motor: WindingMotor | None = None
@@ -276,7 +271,6 @@ class MechanismSensor:
     cutoff: float = 0.0
     noise: float = 0.0
     adr: int = -1
-    line: int = 0
     mount: Mount | None = None
     component: int = 0
 

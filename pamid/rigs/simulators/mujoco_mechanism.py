@@ -60,7 +60,7 @@ def mechanism_of(file: MujocoFile) -> Mechanism:
     names = _Names(file)
     joints = _joints(file, names)
     tendons = _tendons(file, names, joints)
-    couplings = _couplings(file, names)
+    couplings = _couplings(file)
     followers = {c.first for c in couplings if c.kind == "joint" and c.second >= 0}
     actuators = _actuators(file, names, joints, tendons, followers)
     used_names = {a.column for a in actuators}
@@ -160,7 +160,6 @@ def _bodies(file: MujocoFile, names: _Names) -> tuple[Body, ...]:
             _vector(m.body_ipos[i]),
             _vector(m.body_iquat[i]),
             _vector(m.body_inertia[i]),
-            file.line("body", i),
             float(m.body_gravcomp[i]),
         )
         for i in range(m.nbody)
@@ -221,7 +220,6 @@ def _tendons(
                 float(m.tendon_damping[i]),
                 float(m.tendon_frictionloss[i]),
                 (float(m.tendon_lengthspring[i, 0]), float(m.tendon_lengthspring[i, 1])),
-                file.line("tendon", i),
                 _vector(m.tendon_dampingpoly[i]),
                 _vector(m.tendon_stiffnesspoly[i]),
             )
@@ -229,7 +227,7 @@ def _tendons(
     return tuple(tendons)
 
 
-def _couplings(file: MujocoFile, names: _Names) -> tuple[Coupling, ...]:
+def _couplings(file: MujocoFile) -> tuple[Coupling, ...]:
     """Equalities between joints or fixed tendons."""
     m, couplings = file.model, []
     if file.disables("EQUALITY"):
@@ -246,7 +244,6 @@ def _couplings(file: MujocoFile, names: _Names) -> tuple[Coupling, ...]:
             references = [float(m.tendon_length0[t]) for t in ends]
         couplings.append(
             Coupling(
-                names.of("equality", i),
                 kind,
                 first,
                 second,
@@ -254,7 +251,6 @@ def _couplings(file: MujocoFile, names: _Names) -> tuple[Coupling, ...]:
                 _vector(m.eq_data[i, :5]),
                 *reference_law(file, m.eq_solref[i], m.eq_solimp[i, 1]),
                 _vector(m.eq_solimp[i]),
-                file.line("equality", i),
             )
         )
     return tuple(couplings)
@@ -345,7 +341,6 @@ def _actuators(
                 float(m.actuator_armature[i]),
                 float(m.actuator_damping[i]),
                 float(m.actuator_delay[i]),
-                file.line("actuator", i),
                 commanded,
                 _vector(m.actuator_dampingpoly[i]),
                 motor,
@@ -445,7 +440,7 @@ def _sensors(
     for i in range(m.nsensor):
         name, kind = names.of("sensor", i), file.word("mjtSensor", m.sensor_type[i])
         of, adr = int(m.sensor_objid[i]), int(m.sensor_adr[i])
-        more: dict[str, Any] = {"noise": float(m.sensor_noise[i]), "line": file.line("sensor", i)}
+        more: dict[str, Any] = {"noise": float(m.sensor_noise[i])}
         cutoff = float(m.sensor_cutoff[i])
         if kind in FRAMES and reads_frame(file, i):
             unit, words = FRAMES[kind]

@@ -124,19 +124,17 @@ class CoupledSystem:
         self.tree, self.couplings = tree, couplings
         self.factors: Factors = tree.factors if added is None else tree.factored(added)
 
-    def solve(self, force: Sequence[Expr]) -> list[Expr]:
-        """q'' for couplings with zero aim: (M + J' J / softness)^-1 force."""
-        return self._coupled(self.tree.solve(self.factors, force), aimed=False)
-
-    def accelerations(self, force: Sequence[Expr]) -> list[Expr]:
-        """q'' under this force and that of the couplings."""
-        return self._coupled(self.tree.solve(self.factors, force), aimed=True)
-
     def column(self, i: int) -> list[Expr]:
         """Change of q'' with the force at a joint."""
-        return self.solve([expression(1.0 if k == i else 0.0) for k in range(self.tree.n)])
+        force = [expression(1.0 if k == i else 0.0) for k in range(self.tree.n)]
+        return self.accelerations(force, aimed=False)
 
-    def _coupled(self, free: list[Expr], *, aimed: bool) -> list[Expr]:
+    def accelerations(self, force: Sequence[Expr], *, aimed: bool = True) -> list[Expr]:
+        """q'' under this force and that of the couplings.
+
+        aimed: False for couplings with zero aim: (M + J' J / softness)^-1 force.
+        """
+        free = self.tree.solve(self.factors, force)
         if not self.couplings:
             return free
         right = [(c.aim if aimed else ZERO) - c.along(free) for c in self.couplings]

@@ -67,16 +67,17 @@ class _Frame:
 
 @dataclass(frozen=True)
 class _Mass:
-    """A body on its link: number, mass (a parameter) and inertia per unit mass.
+    """A body on its link: mass (a parameter) and inertia per unit mass.
 
-    The inertia is given in the frame's `turn` (local) and in the world (each).
+    The inertia is given in the frame's `turn` (local) and in the world (each). lifted: share of the
+    weight that an upward force carries.
     """
 
-    body: int
     mass: Expr
     local: Inertia
     frame: _Frame
     is_deformed: bool
+    lifted: float
 
     @cached_property
     def each(self) -> Inertia:
@@ -109,53 +110,43 @@ class Tree:
         qd: Sequence[Expr],
         masses: Sequence[Expr],
         armature: Sequence[Expr],
-        shapes: Mapping[int, tuple[Vec, Mat]] | None = None,
+        shapes: Mapping[int, tuple[Vec, Mat]],
     ) -> None:
-        self.q, self.qd, self.masses, self.armature = q, qd, masses, armature
-        self.shapes = shapes or {}
+        self.q, self.qd, self.armature, self.mechanism = q, qd, armature, mechanism
         self.n = len(mechanism.joints)
         self.gravity = Spatial(NOUGHT, constant(-np.array(mechanism.gravity)))
-        self.lifted = [body.gravity_compensation for body in mechanism.bodies]
         self.up: list[int] = []
         self.axis: list[Spatial] = []
         self.bodies: list[list[_Mass]] = [[] for _ in mechanism.joints]
-        self.mechanism = mechanism
-        self.frames: list[_Frame] = []
-        self.links: list[int] = []  # of every body, the joint that moves it; -1: none
-        self._place(mechanism)
-
-    # ---- where everything is ---------------------------------------------------------------------
-
-    def _place(self, mechanism: Mechanism) -> None:
-        ground = _Frame(IDENTITY, np.eye(3), NOUGHT)
-        self.frames, self.links = [ground], [-1]
-        frames, last = self.frames, self.links
+        self.frames = [_Frame(IDENTITY, np.eye(3), NOUGHT)]
+        self.links = [-1]  # of every body, the joint that moves it; -1: none
         for number, body in enumerate(mechanism.bodies[1:], 1):
-            above = frames[body.parent]
+            above, link = self.frames[body.parent], self.links[body.parent]
             frame = _Frame(
                 above.turn,
                 above.fixed @ rotation(body.quaternion),
                 above.point(np.array(body.position)),
             )
-            at = last[body.parent]
             for j, joint in enumerate(mechanism.joints):
                 if joint.body == number:
-                    frame = self._join(frame, joint, j, at)
-                    at = j
-            frames.append(frame)
-            last.append(at)
-            if at >= 0 and body.mass_kg:
-                shape = self.shapes.get(number)
+                    self.up.append(link)
+                    frame, link = self._join(frame, joint, j), j
+            self.frames.append(frame)
+            self.links.append(link)
+            if link >= 0 and body.mass_kg:
+                shape = shapes.get(number)
                 local = _local_inertia(body, shape, frame)
-                self.bodies[at].append(
-                    _Mass(number, self.masses[number], local, frame, shape is not None)
+                deformed = shape is not None
+                self.bodies[link].append(
+                    _Mass(masses[number], local, frame, deformed, body.gravity_compensation)
                 )
 
-    def _join(self, frame: _Frame, joint: MechanismJoint, j: int, below: int) -> _Frame:
+    # ---- where everything is ---------------------------------------------------------------------
+
+    def _join(self, frame: _Frame, joint: MechanismJoint, j: int) -> _Frame:
         """Frame behind a joint; stores the joint's motion vector."""
         axis, anchor = np.array(joint.axis), np.array(joint.anchor)
         moved = self.q[j] - joint.reference
-        self.up.append(below)
         if joint.kind == "slide":
             along = frame.vector(axis)
             self.axis.append(Spatial(NOUGHT, along))
@@ -301,8 +292,8 @@ class Tree:
         for bodies in self.bodies:
             total = MASSLESS
             for body in bodies:
-                if share := self.lifted[body.body]:
-                    total = total + body.each.by(share * body.mass)
+                if body.lifted:
+                    total = total + body.each.by(body.lifted * body.mass)
             lift.append(total.momentum(self.gravity))
         total_force = self._gathered(lift)
         return [s.dot(f) for s, f in zip(self.axis, total_force, strict=True)]
