@@ -229,9 +229,8 @@ class ExcitationBench:
         return contacts
 
     def _named(self, geom: int) -> str:
-        name = self.mujoco.mj_id2name(self.model, self.mujoco.mjtObj.mjOBJ_GEOM, geom)
         body = self.m.bodies[int(self.model.geom_bodyid[geom])].name
-        return str(name) if name else f"a geom of {body}"
+        return self.file.stated_name("geom", geom) or f"a geom of {body}"
 
     def _drivers(self, joint: int) -> tuple[int, ...]:
         """Actuators of a joint; all actuators if it has none."""

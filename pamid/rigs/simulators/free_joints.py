@@ -111,51 +111,47 @@ def _touched(mujoco: Any, m: Any) -> Iterator[int]:
 
     A number may occur several times.
     """
-    kinds = mujoco.mjtObj
+    kinds, wrap, drive = mujoco.mjtObj, mujoco.mjtWrap, mujoco.mjtTrn
+    bodies = {  # kind of an element -> its body, by the element's number
+        kinds.mjOBJ_BODY: range(m.nbody),
+        kinds.mjOBJ_XBODY: range(m.nbody),
+        kinds.mjOBJ_JOINT: m.jnt_bodyid,
+        kinds.mjOBJ_SITE: m.site_bodyid,
+        kinds.mjOBJ_GEOM: m.geom_bodyid,
+    }
+    wraps = {
+        wrap.mjWRAP_JOINT: kinds.mjOBJ_JOINT,
+        wrap.mjWRAP_SITE: kinds.mjOBJ_SITE,
+        wrap.mjWRAP_SPHERE: kinds.mjOBJ_GEOM,
+        wrap.mjWRAP_CYLINDER: kinds.mjOBJ_GEOM,
+    }
+    drives = {
+        drive.mjTRN_JOINT: kinds.mjOBJ_JOINT,
+        drive.mjTRN_JOINTINPARENT: kinds.mjOBJ_JOINT,
+        drive.mjTRN_TENDON: kinds.mjOBJ_TENDON,
+        drive.mjTRN_BODY: kinds.mjOBJ_BODY,
+    }
 
     def trees(kind: int, number: int) -> Iterator[int]:
-        if number < 0:
-            return
-        if kind in (kinds.mjOBJ_BODY, kinds.mjOBJ_XBODY):
-            yield int(m.body_treeid[number])
-        elif kind == kinds.mjOBJ_JOINT:
-            yield int(m.body_treeid[m.jnt_bodyid[number]])
-        elif kind == kinds.mjOBJ_SITE:
-            yield int(m.body_treeid[m.site_bodyid[number]])
-        elif kind == kinds.mjOBJ_GEOM:
-            yield int(m.body_treeid[m.geom_bodyid[number]])
-        elif kind == kinds.mjOBJ_TENDON:
+        if kind in bodies and number >= 0:
+            yield int(m.body_treeid[bodies[kind][number]])
+        elif kind == kinds.mjOBJ_TENDON and number >= 0:
             for k in range(m.tendon_adr[number], m.tendon_adr[number] + m.tendon_num[number]):
                 yield from trees(wraps.get(int(m.wrap_type[k]), -1), int(m.wrap_objid[k]))
 
-    wrap, drive = mujoco.mjtWrap, mujoco.mjtTrn
-    wraps = {
-        int(wrap.mjWRAP_JOINT): int(kinds.mjOBJ_JOINT),
-        int(wrap.mjWRAP_SITE): int(kinds.mjOBJ_SITE),
-        int(wrap.mjWRAP_SPHERE): int(kinds.mjOBJ_GEOM),
-        int(wrap.mjWRAP_CYLINDER): int(kinds.mjOBJ_GEOM),
-    }
-    drives = {
-        int(drive.mjTRN_JOINT): int(kinds.mjOBJ_JOINT),
-        int(drive.mjTRN_JOINTINPARENT): int(kinds.mjOBJ_JOINT),
-        int(drive.mjTRN_TENDON): int(kinds.mjOBJ_TENDON),
-        int(drive.mjTRN_BODY): int(kinds.mjOBJ_BODY),
-    }
     for i in range(m.nactuator):
-        kind = drives.get(int(m.actuator_trntype[i]), int(kinds.mjOBJ_SITE))
-        ends = (0, 1) if kind == int(kinds.mjOBJ_SITE) else (0,)
-        for end in ends:
+        kind = drives.get(int(m.actuator_trntype[i]), kinds.mjOBJ_SITE)
+        for end in (0, 1) if kind == kinds.mjOBJ_SITE else (0,):
             yield from trees(kind, int(m.actuator_trnid[i, end]))
     if not m.nactuator:  # a force acts on every hinge and slide
         for i in range(m.njnt):
             if int(m.jnt_type[i]) in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
-                yield from trees(int(kinds.mjOBJ_JOINT), i)
+                yield from trees(kinds.mjOBJ_JOINT, i)
     for i in range(m.ntendon):
-        yield from trees(int(kinds.mjOBJ_TENDON), i)
-    of = {"JOINT": kinds.mjOBJ_JOINT, "TENDON": kinds.mjOBJ_TENDON}
+        yield from trees(kinds.mjOBJ_TENDON, i)
+    of = {mujoco.mjtEq.mjEQ_JOINT: kinds.mjOBJ_JOINT, mujoco.mjtEq.mjEQ_TENDON: kinds.mjOBJ_TENDON}
     for i in range(m.neq):
-        word = mujoco.mjtEq(int(m.eq_type[i])).name.removeprefix("mjEQ_")
-        kind = int(of.get(word, m.eq_objtype[i]))
+        kind = of.get(int(m.eq_type[i]), int(m.eq_objtype[i]))
         if m.eq_active0[i]:
             yield from trees(kind, int(m.eq_obj1id[i]))
             yield from trees(kind, int(m.eq_obj2id[i]))

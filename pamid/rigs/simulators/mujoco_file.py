@@ -58,11 +58,14 @@ class MujocoFile:
     def line(self, kind: str, number: int) -> int:
         return self.lines.get((kind, number), 0)
 
+    def stated_name(self, kind: str, number: int) -> str:
+        """Name of an element in the file, "" if it has none."""
+        which = getattr(self.mujoco.mjtObj, f"mjOBJ_{kind.upper()}")
+        return str(self.mujoco.mj_id2name(self.model, which, number) or "")
+
     def name(self, kind: str, number: int) -> str:
         """Name of an element; without a name, its kind and number."""
-        which = getattr(self.mujoco.mjtObj, f"mjOBJ_{kind.upper()}")
-        name = self.mujoco.mj_id2name(self.model, which, number)
-        return str(name) if name else f"{kind}_{number}"
+        return self.stated_name(kind, number) or f"{kind}_{number}"
 
     def copy(self) -> Any:
         """Independent copy of the model."""

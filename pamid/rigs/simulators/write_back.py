@@ -292,9 +292,7 @@ class _Writer:
 
     def _tag_of(self, kind: str, i: int, of: str) -> tuple[Tag | None, str]:
         """Start tag of an element; else the reason why there is none."""
-        name = self.file.mujoco.mj_id2name(
-            self.file.model, getattr(self.file.mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), i
-        )
+        name = self.file.stated_name(kind, i)
         kind_tags = [tag for tag in self.tags if self._is(tag, kind)]
         if name:
             matches = [tag for tag in kind_tags if tag.attributes.get("name") == name]
@@ -648,9 +646,7 @@ class _Writer:
     def _reading(self, s: int, terms: ReadingTerms) -> None:
         sensor = self.mechanism.sensors[s]
         at = int(np.searchsorted(self.file.model.sensor_adr, sensor.adr, "right")) - 1
-        name = self.file.mujoco.mj_id2name(
-            self.file.model, self.file.mujoco.mjtObj.mjOBJ_SENSOR, at
-        )
+        name = self.file.stated_name("sensor", at)
         tags = [t for t in self.tags if self._is(t, "sensor") and t.attributes.get("name") == name]
         if not name or len(tags) != 1:
             self.left.append(f"effects at the reading of {sensor.name}: the sensor has no name")
