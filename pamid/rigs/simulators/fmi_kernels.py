@@ -409,9 +409,10 @@ class ExchangeTable(NamedTuple):
     for none (STATUS); as floats the next event, whether the steps within are chosen (LEADS), the
     length of an exchange (s); then the arrays below.
 
-    x, f, y        states, inputs and outputs (SI)
-    own_x, own_f   the same in the FMU's units; each scale and offset converts its units to SI
-    grid           ends of the steps within
+    x, f, y                  states, inputs and outputs (SI)
+    own_x, own_f             the same in the FMU's units
+    states, inputs, outputs  conversions of their units
+    grid                     ends of the steps within
     """
 
     model: FmiModel
@@ -420,12 +421,9 @@ class ExchangeTable(NamedTuple):
     y: Array
     own_x: Array
     own_f: Array
-    x_scale: Array
-    x_offset: Array
-    f_scale: Array
-    f_offset: Array
-    y_scale: Array
-    y_offset: Array
+    states: UnitScale
+    inputs: UnitScale
+    outputs: UnitScale
     grid: Array
 
 
@@ -443,40 +441,21 @@ def table_in(words: NDArray[np.int64]) -> ExchangeTable:
     a = _TABLE_HEAD + _FUNCTION_COUNT
     # value references are half as long as a word
     v = a + 4
-    xs, rs = words[v : v + nx].view(np.uint32)[:nx], words[v + nx : v + 2 * nx].view(np.uint32)[:nx]
+    xs, rs = words[v : v + nx].view(np.uint32)[:nx], words[v + nx :].view(np.uint32)[:nx]
     v += 2 * nx
     fs, ys = words[v : v + nf].view(np.uint32)[:nf], words[v + nf :].view(np.uint32)[:ny]
     v += nf + ny
-    model = FmiModel(
-        words[_TABLE_HEAD:a],
-        words[0],
-        True,
-        fs,
-        ys,
-        xs,
-        rs,
-        words[4],
-        numbers[v : v + nx],
-        words[a : a + 4],
-    )
-    v += nx
-    w = v + 4 * nx
-    z = w + 4 * nf
-    return ExchangeTable(
-        model,
-        numbers[v : v + nx],
-        numbers[w : w + nf],
-        numbers[z : z + ny],
-        numbers[v + nx : v + 2 * nx],
-        numbers[w + nf : w + 2 * nf],
-        numbers[v + 2 * nx : v + 3 * nx],
-        numbers[v + 3 * nx : w],
-        numbers[w + 2 * nf : w + 3 * nf],
-        numbers[w + 3 * nf : z],
-        numbers[z + ny : z + 2 * ny],
-        numbers[z + 2 * ny : z + 3 * ny],
-        numbers[z + 3 * ny : z + 3 * ny + MOST_STEPS + 1],
-    )
+    x = numbers[v : v + 5 * nx].reshape(5, nx)
+    v += 5 * nx
+    f = numbers[v : v + 4 * nf].reshape(4, nf)
+    v += 4 * nf
+    y = numbers[v : v + 3 * ny].reshape(3, ny)
+    v += 3 * ny
+    report = words[a : a + 4]
+    model = FmiModel(words[_TABLE_HEAD:a], words[0], True, fs, ys, xs, rs, words[4], x[0], report)
+    states, inputs, outputs = UnitScale(x[3], x[4]), UnitScale(f[2], f[3]), UnitScale(y[1], y[2])
+    grid = numbers[v : v + MOST_STEPS + 1]
+    return ExchangeTable(model, x[1], f[0], y[0], x[2], f[1], states, inputs, outputs, grid)
 
 
 def exchange_words(m: FmiModel, units: FmuUnits, h: float) -> NDArray[np.int64]:
@@ -488,9 +467,9 @@ def exchange_words(m: FmiModel, units: FmuUnits, h: float) -> NDArray[np.int64]:
     t = table_in(words)
     for name in ("at", "inputs", "outputs", "states", "rates", "sizes"):
         getattr(t.model, name)[:] = getattr(m, name)
-    t.x_scale[:], t.x_offset[:] = units.states
-    t.f_scale[:], t.f_offset[:] = units.inputs
-    t.y_scale[:], t.y_offset[:] = units.outputs
+    t.states.scale[:], t.states.offset[:] = units.states
+    t.inputs.scale[:], t.inputs.offset[:] = units.inputs
+    t.outputs.scale[:], t.outputs.offset[:] = units.outputs
     return words
 
 
@@ -503,10 +482,8 @@ def exchange_of(handle, data):  # type: ignore[no-untyped-def]
     head = carray(data, _TABLE_HEAD)
     words = carray(data, _length(head[1], head[2], head[3]))
     t, numbers = table_in(words), words.view(np.float64)
-    for k in range(len(t.x)):
-        t.own_x[k] = (t.x[k] - t.x_offset[k]) / t.x_scale[k]
-    for k in range(len(t.f)):
-        t.own_f[k] = (t.f[k] - t.f_offset[k]) / t.f_scale[k]
+    t.own_x[:] = (t.x - t.states.offset) / t.states.scale
+    t.own_f[:] = (t.f - t.inputs.offset) / t.inputs.scale
     if numbers[LEADS] != 0.0:
         t.grid[0] = 0.0
     due, c = numbers[_DUE : _DUE + 1], handle[0]
@@ -518,7 +495,5 @@ def exchange_of(handle, data):  # type: ignore[no-untyped-def]
         t.x[:] = np.nan
         t.y[:] = np.nan
         return
-    for k in range(len(t.x)):
-        t.x[k] = t.own_x[k] * t.x_scale[k] + t.x_offset[k]
-    for k in range(len(t.y)):
-        t.y[k] = t.y[k] * t.y_scale[k] + t.y_offset[k]
+    t.x[:] = t.own_x * t.states.scale + t.states.offset
+    t.y[:] = t.y * t.outputs.scale + t.outputs.offset
