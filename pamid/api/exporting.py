@@ -11,7 +11,7 @@ from pamid.api.workers import OpenedRun
 from pamid.base.progress import tell
 from pamid.base.schemas.command_files import WrittenExport
 from pamid.exports.exporting import export_model
-from pamid.exports.plain_check import settings_of
+from pamid.exports.plain_check import settings_words
 from pamid.model.registry import resolved_rig
 from pamid.networks.correction.identified_model import load_identified
 
@@ -36,17 +36,18 @@ class ExportResult(WrittenExport):
             f"Every {self.period_s:g} s: {', '.join(self.inputs)} -> {', '.join(self.outputs)}",
         ]
         if (errors := self.plain_mujoco) is not None:
-            used, best = settings_of(errors), settings_of(errors.best)
+            used, best = settings_words(errors), errors.best
             lines.append(f"Mean absolute error on held-out data, in plain MuJoCo ({used}):")
             for name, c in errors.channels.items():
                 stated = "" if c.stated is None else f"; the run predicts {c.stated:.4g}"
                 lines.append(f"  {name}: {c.before:.4g} with the old file, {c.now:.4g} now{stated}")
-            if best != used:
+            if (best.timestep_s, best.integrator) != (errors.timestep_s, errors.integrator):
                 figures = ", ".join(f"{name} {c.best:.4g}" for name, c in errors.channels.items())
                 reach = "reaches" if errors.reached else "is closest to"
                 lines.append(
                     f"{best.integrator} with {1e3 * best.timestep_s:g} ms {reach} the predicted "
-                    f"error ({figures}): {best.option}"
+                    f'error ({figures}): <option timestep="{best.timestep_s:g}" '
+                    f'integrator="{best.integrator}"/>'
                 )
             elif errors.reached is False:
                 lines.append("No other step or integrator is better.")

@@ -23,7 +23,7 @@ from pamid.networks.correction.identified_model import Identified
 from pamid.networks.correction.residual_data import residual_columns, scored_windows, spans_of
 from pamid.rigs.simulators.mechanism import Mechanism
 from pamid.rigs.simulators.mujoco_file import MujocoFile, open_mujoco
-from pamid.rigs.simulators.plain_mujoco import PlainModel, RecordedStretch, SimulatorSettings
+from pamid.rigs.simulators.plain_mujoco import PlainModel, RecordedStretch
 
 #: largest ratio to the stated error for an acceptable file
 REACHED = 1.2
@@ -67,14 +67,14 @@ class PlainCheck:
         name = max(increase, key=lambda channel: increase[channel])
         c = self.errors.channels[name]
         return (
-            f"in MuJoCo ({settings_of(self.errors)}) its held-out errors are larger than those of "
-            f"the original file: {name} {c.now:.4g} instead of {c.before:.4g}"
+            f"in MuJoCo ({settings_words(self.errors)}) its held-out errors are larger than those "
+            f"of the original file: {name} {c.now:.4g} instead of {c.before:.4g}"
         )
 
 
-def settings_of(record: PlainSettings) -> SimulatorSettings:
-    """Step and integrator of a record."""
-    return SimulatorSettings(record.timestep_s, record.integrator)
+def settings_words(settings: PlainSettings) -> str:
+    """Step and integrator as text."""
+    return f"{1e3 * settings.timestep_s:g} ms, {settings.integrator}"
 
 
 def plain_check(
@@ -111,7 +111,7 @@ def plain_check(
     linear = tuple(model.equations.linear)
 
     def errors(
-        file: MujocoFile, m: Mechanism, settings: SimulatorSettings | None = None
+        file: MujocoFile, m: Mechanism, settings: PlainSettings | None = None
     ) -> dict[str, float]:
         return PlainModel(file, m, settings=settings, linear=linear).errors(stretches, noise)
 
@@ -122,7 +122,7 @@ def plain_check(
     tried = [(model_settings, now)]
     while not _reached(tried[-1][1], wanted) and len(tried) <= len(TRIED_SETTINGS):
         integrator, part = TRIED_SETTINGS[len(tried) - 1]
-        settings = SimulatorSettings(model_settings.timestep_s / part, integrator)
+        settings = PlainSettings(timestep_s=model_settings.timestep_s / part, integrator=integrator)
         tried.append((settings, errors(new, new_mechanism, settings)))
     reached = _reached(tried[-1][1], wanted)
     # the cheapest of several that tie
@@ -145,7 +145,7 @@ def plain_check(
             )
             for c in shown
         },
-        best=PlainSettings(timestep_s=best.timestep_s, integrator=best.integrator),
+        best=best,
         reached=reached if wanted else None,
     )
     spread = {c: size_from_si(spread[c], units[c]) for c in shown}

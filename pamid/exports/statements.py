@@ -226,19 +226,14 @@ class ModelFunctions:
 
     def stored(self, array: str, values: Iterable[Expr]) -> list[str]:
         """Lines that store values in an array."""
-        return self._assigned(self._numbered(array, values))
+        targets = {self.dialect.element(array, i): value for i, value in enumerate(values)}
+        return self._begun(list(targets.values())).stored(targets)
 
     def slopes(self) -> list[str]:
         """Rates, and their derivatives by the states."""
         element = self.dialect.element
-        partials = {element("J", row, column): v for row, column, v in self.step.slopes}
-        return self._assigned(self._numbered("f", self.step.rates) | partials)
-
-    def _numbered(self, array: str, values: Iterable[Expr]) -> dict[str, Expr]:
-        return {self.dialect.element(array, i): value for i, value in enumerate(values)}
-
-    def _assigned(self, targets: dict[str, Expr]) -> list[str]:
-        """Lines that store values at their places."""
+        targets = {element("f", i): rate for i, rate in enumerate(self.step.rates)}
+        targets |= {element("J", row, column): v for row, column, v in self.step.slopes}
         return self._begun(list(targets.values())).stored(targets)
 
     def _begun(self, roots: list[Expr], written: Collection[Symbol] = ()) -> Statements:

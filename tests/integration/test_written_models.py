@@ -18,6 +18,7 @@ from pamid.base.csv_table import table_bytes
 from pamid.base.errors import FileError
 from pamid.base.run_folder import Run
 from pamid.base.schemas import fit_file as result
+from pamid.base.schemas.command_files import PlainSettings
 from pamid.diagnosis.verdict import diagnosis_run
 from pamid.engine.program import Stepping
 from pamid.exports.exporting import export_model
@@ -28,7 +29,7 @@ from pamid.networks.correction.identified_model import load_identified, simulate
 from pamid.rigs.simulators.mujoco_file import open_mujoco
 from pamid.rigs.simulators.mujoco_forms import IdentifiedEffect
 from pamid.rigs.simulators.mujoco_mechanism import read_mechanism
-from pamid.rigs.simulators.plain_mujoco import PlainModel, RecordedStretch, SimulatorSettings
+from pamid.rigs.simulators.plain_mujoco import PlainModel, RecordedStretch
 from pamid.rigs.simulators.stepped_mechanism import SteppedMechanism
 from pamid.rigs.simulators.write_back import WrittenModel, write_back
 
@@ -63,7 +64,7 @@ INPUTS, READINGS = ("ma_command", "mb_command_rad"), ("qa_rad", "qb_rad")
 SAMPLES, SHORT = 1000, 500
 PERIOD_S = 0.004
 WINDOW = 250  # samples
-FINE = SimulatorSettings(0.001, "RK4")
+FINE = PlainSettings(timestep_s=0.001, integrator="RK4")
 DRY = 'solreffriction="0.0002 1"'  # as hard as a step of 0.1 ms allows
 
 
@@ -158,7 +159,7 @@ def errors(
     folder: Path,
     effects: Mapping[str, Mapping[str, float]],
     text: str = ARM,
-    settings: SimulatorSettings = FINE,
+    settings: PlainSettings = FINE,
 ) -> tuple[Array, Array, Any]:
     """Mean absolute difference to pamid's model with the effects, of the old file and the new one
     in plain MuJoCo at these settings, (readings,) each; and what was written."""
@@ -270,7 +271,8 @@ def test_a_lag_is_written_as_the_integrator_of_the_file_follows_it(integrator, d
     step = '<option timestep="0.004"'
     text = ARM.replace('<option timestep="0.002"', f'{step} integrator="{integrator}"')
     lags = {f"first-order-lag@{c}": {"time_constant": 0.012} for c in ("ma_command", "mb_command")}
-    settings = SimulatorSettings(0.004 if integrator == "RK4" else 0.0001, integrator)
+    step_s = 0.004 if integrator == "RK4" else 0.0001
+    settings = PlainSettings(timestep_s=step_s, integrator=integrator)
     before, now, _ = errors(tmp_path, lags, text, settings)
     assert f'dyntype="{dynamics}"' in (tmp_path / "new.xml").read_text()
     assert now.sum() < 0.02 * before.sum()

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pamid.base.arrays import Array
+from pamid.base.schemas.command_files import PlainSettings
 from pamid.rigs.simulators.mechanism import Mechanism
 from pamid.rigs.simulators.mujoco_file import MujocoFile
 
@@ -46,22 +47,6 @@ class RecordedStretch:
     opening: int
 
 
-@dataclass(frozen=True)
-class SimulatorSettings:
-    """The step (s) and the integrator of a simulation, as MJCF names it."""
-
-    timestep_s: float
-    integrator: str
-
-    def __str__(self) -> str:
-        return f"{1e3 * self.timestep_s:g} ms, {self.integrator}"
-
-    @property
-    def option(self) -> str:
-        """The element that sets them in a model file."""
-        return f'<option timestep="{self.timestep_s:g}" integrator="{self.integrator}"/>'
-
-
 INTEGRATORS = {
     "mjINT_EULER": "Euler",
     "mjINT_RK4": "RK4",
@@ -78,7 +63,7 @@ class PlainModel:
         file: MujocoFile,
         mechanism: Mechanism,
         *,
-        settings: SimulatorSettings | None = None,
+        settings: PlainSettings | None = None,
         linear: Sequence[str] = (),
     ) -> None:
         from mujoco import rollout
@@ -101,9 +86,11 @@ class PlainModel:
         self.states = m.nq + m.nv + m.na
 
     @property
-    def settings(self) -> SimulatorSettings:
+    def settings(self) -> PlainSettings:
         word = self.mujoco.mjtIntegrator(int(self.model.opt.integrator)).name
-        return SimulatorSettings(float(self.model.opt.timestep), INTEGRATORS.get(word, word))
+        return PlainSettings(
+            timestep_s=float(self.model.opt.timestep), integrator=INTEGRATORS.get(word, word)
+        )
 
     def errors(
         self, stretches: Sequence[RecordedStretch], noise: Mapping[str, float]
