@@ -14,9 +14,9 @@ ended.
                    current on the voltage: a delay of a sampling period there comes from the log.
                    Reported if the error of the channel falls to MENDED of the error as recorded.
 
-Most refits of another order would be in vain: it is only tried if the residual correlates with the
-change of the reading from row to row. A linear machine under a held input reads the same before and
-late, with slightly other parameters: then both are reported.
+Another order is only refitted if the residual correlates with the change of the reading from row to
+row; other refits do not reduce the error. A linear machine under a held input reads the same before
+and late, with slightly other parameters: then both are reported.
 """
 
 from __future__ import annotations
