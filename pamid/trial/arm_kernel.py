@@ -1,16 +1,19 @@
-"""Time stepping of the trial's arm: two links, four muscles, semi-implicit Euler at a tenth of a
-millisecond, compiled.
+"""Time stepping of the trial's joint and arm: one or two joints of two muscles each, semi-implicit
+Euler at a tenth of a millisecond, compiled.
 
-The links are described by their angles against the vertical, u_1 and u_2 their speeds, from
-Newton's equations of the two bodies: with the pull of link 2 on the elbow eliminated they are
+Order within a step: valves, air, pulls, motion, sensor filters; each part uses what the parts
+before it have just set. `a` is the record of the moving parts (fields of `one_dof.JointBody` or
+`two_link.ArmBody`), `m[j]` the machine of joint j, `f` what is planted: of n joints f[0] to
+f[2 n - 1] in their muscles, f[2 n] to f[3 n - 1] in the joints, f[3 n] in what all share.
+
+The links of the arm are described by their angles against the vertical, u_1 and u_2 their speeds,
+from Newton's equations of the two bodies: with the pull of link 2 on the elbow eliminated they are
 
     a u_1' + b cos(p_2 - p_1) u_2' = b sin(p_2 - p_1) u_2^2 - w_1 sin p_1 + (what acts on link 1)
     b cos(p_2 - p_1) u_1' + c u_2' = -b sin(p_2 - p_1) u_1^2 - w_2 sin p_2 + (what acts on link 2)
 
 A torque of joint 2 acts on link 2 and, the other way round, on link 1; with a flexible joint it
-acts on the wheel, and what spring or play pass on acts on the link. `a` is the arm's record (fields
-of `arm.ArmBody`), `m[j]` the machine of joint j, `f[i]` what is planted in muscle i (0 to 3), f[4 +
-j] in joint j, f[6] in what all share.
+acts on the wheel, and what spring or play pass on acts on the link.
 
 Compiled once per process (seconds), not cached: the compiler's cache would not see a change in
 `kernel`.
@@ -52,8 +55,30 @@ from pamid.trial.kernel import (
     winding,
 )
 
-JOINT, SHARED = 4, 6  # in f
-READINGS = 14  # two angles; contractions, gauge pressures and forces of four muscles
+READINGS = 7  # per joint: an angle; contractions, gauge pressures and forces of two muscles
+
+
+@njit
+def advance_joint(x: Array, a: Any, f: Any, torque: Array, h: float) -> None:
+    """Speed, then angle, of a single joint under `torque`, in place; a part attached behind the
+    joint reacts."""
+    inertial, push, state, planted = a.inertia, torque[0], x[0], f[2]
+    push -= bristles(state, planted, h)
+    if planted.outboard > 0.0:
+        load = planted.outboard * a.inertia
+        inertial -= load
+        twist, turning = state[ANGLE] - state[LOAD_ANGLE], state[SPEED] - state[LOAD_SPEED]
+        link = link_torque(twist, turning, load, planted)
+        push -= link
+        state[LOAD_SPEED] += h * link / load
+        state[LOAD_ANGLE] += h * state[LOAD_SPEED]
+    free = (state[SPEED] + h * push / inertial) / (1.0 + h * a.viscous / inertial)
+    # dry friction as an impulse: it stops the arm or slows it, never turns it round
+    if planted.stick_nm > 0.0:
+        slowed = abs(free) - h * sticking(state[SPEED], planted) / inertial
+        free = np.sign(free) * max(0.0, slowed)
+    state[SPEED] = free
+    state[ANGLE] += h * free
 
 
 @njit
@@ -89,7 +114,7 @@ def advance_arm(x: Array, a: Any, f: Any, torque: Array, h: float) -> None:
     along[1, 0] = -1.0
     wheel, turning = np.zeros(2), np.zeros(2)  # inertia and speed of the wheels of flexible joints
     for j in range(2):
-        planted = f[JOINT + j]
+        planted = f[4 + j]
         push = (
             torque[j]
             - bristles(x[j], planted, h)
@@ -116,7 +141,7 @@ def advance_arm(x: Array, a: Any, f: Any, torque: Array, h: float) -> None:
     )
     for j in range(2):
         # an impulse that stops the joint or slows it, never turns it round
-        if f[JOINT + j].stick_nm > 0.0:
+        if f[4 + j].stick_nm > 0.0:
             gives = np.array(
                 [
                     ease[0, 0] * along[j, 0] + ease[0, 1] * along[j, 1],
@@ -128,7 +153,7 @@ def advance_arm(x: Array, a: Any, f: Any, torque: Array, h: float) -> None:
             if wheel[j] > 0.0:
                 slip += turning[j]
                 mobility += 1.0 / wheel[j]
-            most = h * sticking(x[j, SPEED], f[JOINT + j])
+            most = h * sticking(x[j, SPEED], f[4 + j])
             impulse = min(max(-slip / mobility, -most), most)
             speed += impulse * gives
             if wheel[j] > 0.0:
@@ -145,45 +170,43 @@ def advance_arm(x: Array, a: Any, f: Any, torque: Array, h: float) -> None:
 def read(y: Array, x: Array, s: Array, m: Any, f: Any, h: float) -> None:
     """Filters of all readings, in their order, a step later. Contractions are read where the chains
     leave the wheel."""
-    for j in range(2):
-        wound = winding(x[j], m[j], f[JOINT + j])[0]
-        smoothed(y[j], x[j, ANGLE], m[j].filter_lag + f[JOINT + j].angle_lag_s, h)
+    n = len(x)
+    for j in range(n):
+        wound = winding(x[j], m[j], f[2 * n + j])[0]
+        smoothed(y[j], x[j, ANGLE], m[j].filter_lag + f[2 * n + j].angle_lag_s, h)
         for i in range(2):
             k = 2 * j + i
-            smoothed(y[2 + k], m[j].contraction_0 + (1 - 2 * i) * wound, m[j].filter_lag, h)
-            smoothed(
-                y[6 + k], s[j, i, PRESSURE] - ATMOSPHERE, m[j].filter_lag + f[k].pressure_lag_s, h
-            )
-            smoothed(y[10 + k], s[j, i, PULL], m[j].filter_lag, h)
+            gauge, lag = s[j, i, PRESSURE] - ATMOSPHERE, m[j].filter_lag + f[k].pressure_lag_s
+            smoothed(y[n + k], m[j].contraction_0 + (1 - 2 * i) * wound, m[j].filter_lag, h)
+            smoothed(y[3 * n + k], gauge, lag, h)
+            smoothed(y[5 * n + k], s[j, i, PULL], m[j].filter_lag, h)
 
 
 @njit
-def run(
-    a: Any, m: Any, f: Any, waves: Array, control: Any, clock: Any, logged: tuple[Array, Array]
-) -> None:
-    """Fill `logged`: readings (samples x 14, SI, before noise) and commands (2 x samples).
+def run(advance: Any, machine: Any, waves: Array, control: Any, clock: Any, logged: Any) -> None:
+    """Fill `logged`: readings (samples x 7 n, SI, before noise) and commands (n x samples).
 
-    control: references in deg or the commands themselves (2 x samples), whether the loop is closed,
-    the controller, noise of the angles in deg; clock: sampling period and steps in it; waves:
-    (joint, muscle, wave, 3).
+    advance: `advance_joint` or `advance_arm`; machine: a, m and f; waves: (joint, muscle, wave, 3);
+    control: references in deg or the commands themselves (n x samples), whether the loop is closed,
+    the controller, noise of the angles in deg; clock: sampling period and steps in it.
     """
-    (reference, closed, controller, noise_deg), (readings, commands) = control, logged
-    period, steps = clock
-    h, n = period / steps, reference.shape[1]
+    (a, m, f), (readings, commands), (period, steps) = machine, logged, clock
+    reference, closed, controller, noise_deg = control
+    h, (n, samples) = period / steps, reference.shape
     x, s, z = (
-        np.zeros((2, JOINT_STATES)),
-        np.zeros((2, 2, MUSCLE_STATES)),
-        np.zeros((2, 2, 2, HYSTERESIS_ELEMENTS)),
+        np.zeros((n, JOINT_STATES)),
+        np.zeros((n, 2, MUSCLE_STATES)),
+        np.zeros((n, 2, 2, HYSTERESIS_ELEMENTS)),
     )
-    y, memory, torque, drive = np.zeros((READINGS, 2)), np.zeros((2, 2)), np.zeros(2), np.zeros(2)
-    for j in range(2):
+    y, memory, torque = np.zeros((READINGS * n, 2)), np.zeros((n, 2)), np.zeros(n)
+    for j in range(n):
         x[j, SUPPLY] = m[j].supply_pressure
         at_rest(s[j], m[j])
-    for k in range(-HANGING, n):
+    for k in range(-HANGING, samples):
         if k >= 0:
             readings[k] = y[:, 0]
-            for j in range(2):
-                readings[k, j] = moved_zero(y[j, 0], f[JOINT + j])
+            for j in range(n):
+                readings[k, j] = moved_zero(y[j, 0], f[2 * n + j])
                 commands[j, k] = reference[j, k]
                 if closed:
                     angle_deg = np.degrees(readings[k, j]) + noise_deg[j, k]
@@ -192,16 +215,16 @@ def run(
                     )
         for step in range(steps):
             at = k * steps + step
-            drawn = 0.0
-            for j in range(2):
-                if k >= 0:
-                    drive[j] = driven(x[j], m[j], f[JOINT + j], commands[j], at, steps, period)
-                    drawn += pair_air(x[j], s[j], m[j], f[2 * j], f[2 * j + 1], drive[j], h)
-            x[:, SUPPLY] = supply_after(x[0, SUPPLY], drawn, m[0], f[SHARED], h)
-            for j in range(2):
-                faults = f[JOINT + j], f[2 * j], f[2 * j + 1]
-                force_map = waves[j], max(k, 0) / n
-                torque[j] = place_torque(x[j], f[JOINT + j], at * h)
+            if k >= 0:  # before a recording begins, pressures are kept where they are
+                drawn = 0.0
+                for j in range(n):
+                    drive = driven(x[j], m[j], f[2 * n + j], commands[j], at, steps, period)
+                    drawn += pair_air(x[j], s[j], m[j], f[2 * j], f[2 * j + 1], drive, h)
+                x[:, SUPPLY] = supply_after(x[0, SUPPLY], drawn, m[0], f[3 * n], h)
+            for j in range(n):
+                faults = f[2 * n + j], f[2 * j], f[2 * j + 1]
+                force_map = waves[j], max(k, 0) / samples
+                torque[j] = place_torque(x[j], f[2 * n + j], at * h)
                 torque[j] += pair_torque(x[j], (s[j], z[j]), m[j], faults, force_map, h)
-            advance_arm(x, a, f, torque, h)
+            advance(x, a, f, torque, h)
             read(y, x, s, m, f, h)

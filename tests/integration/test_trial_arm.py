@@ -34,11 +34,9 @@ from pamid.trial.faults import FAULTS, LONG_HOLDS, Planted
 from pamid.trial.kernel import ANGLE, JOINT_STATES, LOAD_ANGLE
 from pamid.trial.logger import Readout
 from pamid.trial.machine import packed
-from pamid.trial.machines.one_dof import PERIOD_S, Excitation
+from pamid.trial.machines.one_dof import NOISE, PERIOD_S, TO_COLUMN, Excitation
 from pamid.trial.machines.two_link import (
-    ARM_CHANNELS,
-    ARM_NOISE,
-    ARM_TO_COLUMN,
+    ARM_LAYOUT,
     TRUE_ARM,
     ArmBody,
     ArmSpecimen,
@@ -65,7 +63,7 @@ def reference(seconds: float) -> Any:
 @cache
 def healthy(seconds: float = 6.0) -> dict[str, Any]:
     """A closed-loop recording without noise."""
-    return record_arm(machine(), {}, Excitation(reference_deg=reference(seconds)), 0.5, Readout())
+    return record_arm(machine(), {}, Excitation(reference(seconds)), 0.5, Readout())
 
 
 def replayed(
@@ -73,14 +71,17 @@ def replayed(
 ) -> dict[str, Any]:
     """The commands of the healthy arm given to one with faults."""
     command = np.stack([healthy(seconds)[f"command_{j}"] for j in JOINTS], axis=1)
-    return record_arm(machine(), planted, Excitation(command=command), 0.5, Readout(steps=steps))
+    return record_arm(
+        machine(), planted, Excitation(command, closed=False), 0.5, Readout(steps=steps)
+    )
 
 
 def change(one: dict[str, Any], other: dict[str, Any]) -> dict[str, float]:
     """RMS difference per channel, in standard deviations of its noise."""
+    noise = ARM_LAYOUT.by_channel(NOISE) * ARM_LAYOUT.by_channel(TO_COLUMN)
     return {
-        c: float(np.sqrt(np.mean((one[c] - other[c]) ** 2)) / (ARM_NOISE * ARM_TO_COLUMN)[i])
-        for i, c in enumerate(ARM_CHANNELS)
+        c: float(np.sqrt(np.mean((one[c] - other[c]) ** 2)) / noise[i])
+        for i, c in enumerate(ARM_LAYOUT.channels)
     }
 
 
@@ -215,7 +216,7 @@ def test_the_healthy_arm_follows_its_references():
         "reference_2_deg",
         "command_1",
         "command_2",
-        *ARM_CHANNELS,
+        *ARM_LAYOUT.channels,
     ]
     for k, j in enumerate(JOINTS):
         late = reference(20.0)[:, k]
@@ -254,7 +255,7 @@ def test_the_loop_holds_with_any_size(name):
     found = record_arm(
         machine(),
         {site: draw_sizes(site, random)},
-        Excitation(reference_deg=reference(SHORT)),
+        Excitation(reference(SHORT)),
         0.5,
         Readout(1.0, 1),
     )
@@ -365,7 +366,7 @@ def test_the_tool_sees_a_recording_and_a_catalogue(channels, loop, there, monkey
     case = example({"leak@pressure_21": {"leak": 0.01}}, channels=channels, loop=loop)
     assert trial_cases.CaseWork()(case)["failed"]["message"] == "seen enough"
     ((recording, rig),) = shown
-    expected = [c for c in ARM_CHANNELS if c.startswith(("angle_", *there))]
+    expected = [c for c in ARM_LAYOUT.channels if c.startswith(("angle_", *there))]
     asked = ["reference_1_deg", "reference_2_deg"] if loop == "closed" else []
     assert list(recording.columns) == [*asked, "command_1", "command_2", *expected]
     assert rig.name == "two-link" and recording.known["payload_kg"] == 0.0

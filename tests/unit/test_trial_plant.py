@@ -18,11 +18,11 @@ from pamid.trial.logger import Readout
 from pamid.trial.machine import packed
 from pamid.trial.machines import one_dof
 from pamid.trial.machines.one_dof import (
-    JOINT_CHANNELS,
-    JOINT_NOISE,
-    JOINT_TO_COLUMN,
+    JOINT_LAYOUT,
+    NOISE,
     PERIOD_S,
     SUBSTEPS,
+    TO_COLUMN,
     Excitation,
     Specimen,
     draw_specimen,
@@ -50,7 +50,7 @@ def reference(seconds: float = 9.0, seed: int = 1) -> Any:
 @cache
 def healthy(inertia: float, seconds: float = 9.0) -> dict[str, Any]:
     """A closed-loop recording without noise."""
-    return record(machine(), {}, Excitation(reference_deg=reference(seconds)), inertia, Readout())
+    return record(machine(), {}, Excitation(reference(seconds)), inertia, Readout())
 
 
 def replayed(
@@ -61,20 +61,22 @@ def replayed(
 ) -> dict[str, Any]:
     """The commands of the healthy machine given to one with faults."""
     command = healthy(inertia, seconds)["command"]
-    return record(machine(), planted_, Excitation(command=command), inertia, Readout(steps=steps))
+    return record(
+        machine(), planted_, Excitation(command, closed=False), inertia, Readout(steps=steps)
+    )
 
 
 def change(one: dict[str, Any], other: dict[str, Any]) -> np.ndarray:
     """RMS difference per channel, in standard deviations of its noise."""
-    return np.array([np.sqrt(np.mean((one[c] - other[c]) ** 2)) for c in JOINT_CHANNELS]) / (
-        JOINT_NOISE * JOINT_TO_COLUMN
+    return np.array([np.sqrt(np.mean((one[c] - other[c]) ** 2)) for c in JOINT_LAYOUT.channels]) / (
+        JOINT_LAYOUT.by_channel(NOISE) * JOINT_LAYOUT.by_channel(TO_COLUMN)
     )
 
 
 def force_map(specimen: Specimen, muscle: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Contraction, gauge pressure and static force over the working range."""
     chi, pressure = np.meshgrid(np.linspace(0.0, 0.2, 41), np.linspace(1e5, 6e5, 26))
-    m, f = one_dof.machine_record(specimen, HEAVY), packed(**asdict(Planted()))
+    m, f = one_dof.machine_record(specimen), packed(**asdict(Planted()))
     force = [
         static_pull(muscle, c, p, m, f, specimen.waves, 0.0)
         for c, p in zip(chi.flat, pressure.flat, strict=True)
@@ -101,7 +103,7 @@ def test_background_is_as_large_as_asked(seed):
 @pytest.mark.parametrize("inertia", [LIGHT, HEAVY])
 def test_healthy_machine_follows_its_reference(inertia):
     found = healthy(inertia)
-    assert list(found) == ["time_s", "reference_deg", "command", *JOINT_CHANNELS]
+    assert list(found) == ["time_s", "reference_deg", "command", *JOINT_LAYOUT.channels]
     late = reference()[:-150]  # the loop needs 0.45 s
     settled = np.flatnonzero(
         np.array([np.ptp(late[max(0, i - 150) : i + 1]) == 0.0 for i in range(late.size)])
@@ -143,7 +145,7 @@ def test_the_loop_holds_with_any_size(name):
         found = record(
             machine(),
             {name: FAULTS[name].draw(random)},
-            Excitation(reference_deg=reference(4.0)),
+            Excitation(reference(4.0)),
             inertia,
             Readout(1.0, 1),
         )

@@ -1,5 +1,5 @@
-"""The joint of the blind trial: the same machine as the one-dof rig on paper, in equations of its
-separate equations.
+"""The joint of the blind trial: the same machine as the one-dof rig on paper, in separate
+equations.
 
 Two antagonistic 20 mm muscles, the first kept at p0 while the other is vented, pulse-driven valves,
 a PD controller at 3 ms. Nothing is shared with the rig, the effects or the engine: force law,
@@ -10,8 +10,8 @@ describes the recordings exactly.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -33,9 +33,10 @@ JOINT_CONTROLLER = {
 }
 # m, absolute Pa
 KNOWN = {"radius": 0.030, "length": 0.250, "supply_pressure": 701325.0, "hold_pressure": 651325.0}
-JOINT_CHANNELS = ("angle_deg", "pressure_1_kpa", "pressure_2_kpa", "force_1_n", "force_2_n")
-JOINT_NOISE = np.array([np.radians(0.05), 1e3, 1e3, 3.0, 3.0])  # SI, at factor 1
-JOINT_TO_COLUMN = np.array([180.0 / np.pi, 1e-3, 1e-3, 1.0, 1.0])
+# of an angle, a contraction, a pressure and a force: SI at factor 1, and SI to column
+NOISE = (float(np.radians(0.05)), 2e-4, 1e3, 3.0)
+TO_COLUMN = (180.0 / np.pi, 1.0, 1e-3, 1.0)
+CONTRACTION_STEP = 5e-5
 PRESSURES_KPA = {"supply_pressure_kpa": 600.0, "initial_pressure_kpa": 550.0}
 SUBSTEPS = 30  # per sample
 JOINT_INERTIAS = (0.014, 0.0896)  # kg m2: the arm of the first paper, and 6.4 times it
@@ -93,18 +94,52 @@ class Specimen:
     waves: Array = field(repr=False)
 
 
+@dataclass(frozen=True)
+class JointBody:
+    """Inertia (kg m2) and damping (N m s) of the moving part."""
+
+    inertia: float
+    viscous: float
+
+
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """Input, a value per 3 ms: a reference (the loop is closed) or the command itself."""
+    """Input, a value (of an arm: of each joint) per 3 ms: references in deg, or, where the loop is
+    not closed, the commands themselves."""
 
-    reference_deg: Array | None = None
-    command: Array | None = None
+    values: Array
+    closed: bool = True
 
-    def __post_init__(self) -> None:
-        if (self.reference_deg is None) == (self.command is None):
-            raise UsageError(
-                "An excitation is a reference or a command.", "Give either of the two."
-            )
+
+@dataclass(frozen=True)
+class MuscleLayout:
+    """Columns and controller of a machine of n joints with two muscles each.
+
+    word        for it in messages
+    joints      endings of the columns of each joint
+    channels    columns of the readings
+    seen        which reading of the kernel each of them is
+    """
+
+    word: str
+    joints: tuple[str, ...]
+    channels: tuple[str, ...]
+    seen: tuple[int, ...]
+    controller: Mapping[str, float]
+
+    def by_channel(self, values: Sequence[float]) -> Array:
+        """A value per channel from those of an angle, a contraction, a pressure and a force."""
+        n = len(self.joints)
+        return np.repeat(values, (n, 2 * n, 2 * n, 2 * n))[list(self.seen)]
+
+
+JOINT_LAYOUT = MuscleLayout(
+    "machine",
+    ("",),
+    ("angle_deg", "pressure_1_kpa", "pressure_2_kpa", "force_1_n", "force_2_n"),
+    (0, 3, 4, 5, 6),
+    JOINT_CONTROLLER,
+)
 
 
 def draw_specimen(random: np.random.Generator, background: float) -> Specimen:
@@ -164,14 +199,12 @@ def draw_waves(random: np.random.Generator, rms: float) -> Array:
     return waves
 
 
-def machine_record(
-    specimen: Specimen, inertia_kg_m2: float, known: Mapping[str, float] = KNOWN
-) -> Any:
-    """The machine's constants as compiled code reads them."""
+def machine_record(specimen: Specimen, radius: float = KNOWN["radius"]) -> Any:
+    """The machine's constants as compiled code reads them; radius: of the wheel, m."""
     record = {
         f.name: float(getattr(specimen, f.name)) for f in fields(specimen) if f.name != "waves"
     }
-    return packed(**record, **known, inertia=inertia_kg_m2)
+    return packed(**record, **{**KNOWN, "radius": radius})
 
 
 def record(
@@ -182,69 +215,93 @@ def record(
     readout: Readout,
 ) -> dict[str, Array]:
     """Simulate the recording of this machine with these faults (name -> sizes, as `Fault.draw`
-    gives them).
-
-    White noise is 0.05 deg, 1 kPa, 3 N at factor 1. The columns of a recording come back in their
-    declared units. UsageError if the machine flies apart.
-    """
-    from pamid.trial.joint_kernel import run  # compiling takes seconds: only who records pays
+    gives them), as `record_muscles` does."""
+    from pamid.trial.arm_kernel import (
+        advance_joint,  # compiling takes seconds: only who records pays
+    )
 
     f = planted(faults)
-    closed = excitation.reference_deg is not None
-    reference = np.asarray(
-        excitation.reference_deg if closed else excitation.command, dtype=np.float64
-    )
-    n = len(reference)
-    extended = np.concatenate([reference, np.full(AHEAD, reference[-1])])
+    f_2 = replace(f, pressure_zero_pa=0.9 * f.pressure_zero_pa)
+    mechanism = advance_joint, JointBody(inertia_kg_m2, specimen.viscous)
+    joints, acting = [(specimen, KNOWN["radius"])], (faults, (f, f_2, f, f))
+    return record_muscles(JOINT_LAYOUT, mechanism, joints, acting, excitation, readout)
+
+
+def record_muscles(
+    layout: MuscleLayout,
+    mechanism: tuple[Any, Any],
+    joints: Sequence[tuple[Specimen, float]],
+    faults: tuple[Iterable[str], Sequence[Planted]],
+    excitation: Excitation,
+    readout: Readout,
+) -> dict[str, Array]:
+    """Simulate the recording of a machine of n joints.
+
+    White noise is 0.05 deg, 2e-4 contraction, 1 kPa, 3 N at factor 1. The columns of a recording
+    come back in their declared units. UsageError if the machine flies apart.
+
+    mechanism  function of `arm_kernel` that moves it, and its body
+    joints     constants of the muscles and valves of each joint, and the radius (m) of its wheel
+    faults     their names, and what is planted in the order of `arm_kernel`
+    """
+    from pamid.trial.arm_kernel import READINGS, run
+
+    (advance, body), (names, planted_at), n = mechanism, faults, len(joints)
+    given = np.asarray(excitation.values, dtype=np.float64).reshape(len(excitation.values), n)
+    samples = len(given)
+    # it runs on after the end, for readings that are stamped early
+    extended = np.concatenate([given, np.repeat(given[-1:], AHEAD, axis=0)]).T.copy()
     random, logger = np.random.default_rng(readout.seed), readout.logger
-    jitter = readout.noise * JOINT_NOISE * logger.noise(random, (n + AHEAD, len(JOINT_CHANNELS)))
-    readings, commands = np.zeros((n + AHEAD, len(JOINT_CHANNELS))), np.zeros(n + AHEAD)
+    jitter = readout.noise * layout.by_channel(NOISE)
+    jitter = jitter * logger.noise(random, (samples + AHEAD, len(layout.channels)))
+    readings, commands = np.zeros((samples + AHEAD, READINGS * n)), np.zeros((n, samples + AHEAD))
+    # errors of all force maps; waves that a joint does not use have no amplitude
+    waves = np.zeros((n, 2, max(joint.waves.shape[1] for joint, _ in joints), 3))
+    for of_joint, (joint, _) in zip(waves, joints, strict=True):
+        of_joint[:, : joint.waves.shape[1]] = joint.waves
     run(
-        machine_record(specimen, inertia_kg_m2),
-        packed(**asdict(f)),
-        specimen.waves,
-        (extended, closed, np.array(list(JOINT_CONTROLLER.values())), np.degrees(jitter[:, 0])),
+        advance,
+        (
+            packed(**asdict(body)),
+            np.array([machine_record(joint, radius) for joint, radius in joints]),
+            np.array([packed(**asdict(f)) for f in planted_at]),
+        ),
+        waves,
+        (
+            extended,
+            excitation.closed,
+            np.array(list(layout.controller.values())),
+            np.degrees(jitter[:, :n]).T.copy(),
+        ),
         (PERIOD_S, readout.steps or SUBSTEPS),
         (readings, commands),
     )
     if not np.isfinite(readings).all():
         raise UsageError(
-            f"The machine becomes unstable with {', '.join(faults) or 'no fault'}.",
+            f"The {layout.word} becomes unstable with {', '.join(names) or 'no fault'}.",
             "Draw smaller sizes.",
         )
-    time = np.arange(n, dtype=np.float64) * PERIOD_S
-    stamps = time + PERIOD_S * logger.delays(random, n)
-    logged = _logged(specimen, f, readings, jitter[:n], stamps)
-    references = {"reference_deg": reference} if closed else {}
+    time = np.arange(samples, dtype=np.float64) * PERIOD_S
+    stamps = time + PERIOD_S * logger.delays(random, samples)
+    # the logger's clock may be early and drift
+    when = stamps + planted_at[-1].early_s - planted_at[-1].skew_ppm * 1e-6 * stamps
+    taken = np.arange(samples + AHEAD, dtype=np.float64) * PERIOD_S
+    shown = np.stack([np.interp(when, taken, channel) for channel in readings.T], axis=1)
+    for f, pressure in zip(planted_at, range(3 * n, 5 * n), strict=False):
+        shown[:, pressure] += f.pressure_zero_pa + f.pressure_gain * shown[:, pressure]
+    lot = joints[0][0]
+    steps = layout.by_channel(
+        [np.radians(lot.angle_step), CONTRACTION_STEP, lot.pressure_step, lot.force_step]
+    )
+    shown = shown[:, list(layout.seen)] + jitter[:samples]
+    logged = np.floor(shown / steps + 0.5) * steps * layout.by_channel(TO_COLUMN)
+    references = {f"reference{j}_deg": given[:, k] for k, j in enumerate(layout.joints)}
     return {
         "time_s": time,
-        **references,
-        "command": commands[:n],
-        **{name: logged[:, i] for i, name in enumerate(JOINT_CHANNELS)},
+        **(references if excitation.closed else {}),
+        **{f"command{j}": commands[k, :samples] for k, j in enumerate(layout.joints)},
+        **dict(zip(layout.channels, logged.T, strict=True)),
     }
-
-
-def stamped(f: Planted, readings: Array, time: Array) -> Array:
-    """Readings at the times of the logger, a copy; its clock may be early and drift."""
-    when = time + f.early_s - f.skew_ppm * 1e-6 * time
-    stamps = np.arange(len(readings), dtype=np.float64) * PERIOD_S
-    return np.stack([np.interp(when, stamps, channel) for channel in readings.T], axis=1)
-
-
-def _logged(specimen: Specimen, f: Planted, readings: Array, jitter: Array, time: Array) -> Array:
-    """Readings (SI, running on past the end) as the logger writes them: shifted clock, sensor
-    errors, noise, steps."""
-    shown = stamped(f, readings, time)
-    for column, share in ((1, 1.0), (2, 0.9)):
-        shown[:, column] += share * f.pressure_zero_pa + f.pressure_gain * shown[:, column]
-    steps = np.array(
-        [
-            np.radians(specimen.angle_step),
-            *2 * (specimen.pressure_step,),
-            *2 * (specimen.force_step,),
-        ]
-    )
-    return np.asarray(np.floor((shown + jitter) / steps + 0.5) * steps * JOINT_TO_COLUMN)
 
 
 class OneDofMachine:
@@ -290,7 +347,7 @@ class OneDofMachine:
         reference = Excitation(aprbs(c.seconds, PERIOD_S, c.amplitude_deg, c.hold_s, seed=seed))
         if c.loop == "closed":
             return reference
-        return Excitation(command=record({}, reference, noise)["command"])
+        return Excitation(record({}, reference, noise)["command"], closed=False)
 
     def build(self, random: np.random.Generator, c: JointConditions) -> Record:
         specimen = draw_specimen(random, c.background)

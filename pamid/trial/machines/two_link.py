@@ -1,5 +1,4 @@
-"""The arm of the blind trial: the same machine as the two-link rig on paper, in equations of its
-separate equations.
+"""The arm of the blind trial: the same machine as the two-link rig on paper, in separate equations.
 
 Two links in a vertical plane, two antagonistic 20 mm muscles at each joint, four pulse-driven valve
 pairs on a common supply, a PD controller at each joint. Muscles, valves and air are those of the
@@ -10,13 +9,12 @@ down, angle 2 from link 1.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
 
 from pamid.base.arrays import Array
-from pamid.base.errors import UsageError
 from pamid.simulation.excitation.aprbs import aprbs
 from pamid.trial.arm_faults import (
     ARM_FAULTS,
@@ -28,19 +26,17 @@ from pamid.trial.arm_faults import (
     truth_of,
 )
 from pamid.trial.conditions import ALL, NO_FORCES, Draws
-from pamid.trial.faults import HIGH_INERTIA, WIDE_RANGE, Fault, Planted
+from pamid.trial.faults import HIGH_INERTIA, WIDE_RANGE, Fault
 from pamid.trial.logger import PLAIN_LOGGER, Logger, Readout
-from pamid.trial.machine import AHEAD, TWO_LINK, Record, packed
+from pamid.trial.machine import TWO_LINK, Record
 from pamid.trial.machines.one_dof import (
-    KNOWN,
     PERIOD_S,
     PRESSURES_KPA,
-    SUBSTEPS,
     Excitation,
+    MuscleLayout,
     Specimen,
     draw_specimen,
-    machine_record,
-    stamped,
+    record_muscles,
 )
 
 # gentler than the joint's: with that controller the arm, ten times as heavy, never comes to rest
@@ -64,15 +60,18 @@ TRUE_ARM = {
 # estimate: weighed and drawn without all that is on it
 OFF_SHEET = {"mass": 0.15, "centre": 0.10, "inertia": 0.25}
 VISCOUS = (0.10, 0.05)  # N m s, on the sheet
-ARM_CHANNELS = (
-    *(f"angle_{j}_deg" for j in JOINTS),
-    *(f"contraction_{i}" for i in MUSCLES),
-    *(f"pressure_{i}_kpa" for i in MUSCLES),
-    *(f"force_{i}_n" for i in MUSCLES),
+ARM_LAYOUT = MuscleLayout(
+    "arm",
+    tuple(f"_{j}" for j in JOINTS),
+    (
+        *(f"angle_{j}_deg" for j in JOINTS),
+        *(f"contraction_{i}" for i in MUSCLES),
+        *(f"pressure_{i}_kpa" for i in MUSCLES),
+        *(f"force_{i}_n" for i in MUSCLES),
+    ),
+    tuple(range(14)),
+    ARM_CONTROLLER,
 )
-ARM_NOISE = np.repeat([np.radians(0.05), 2e-4, 1e3, 3.0], (2, 4, 4, 4))  # SI, at factor 1
-ARM_TO_COLUMN = np.repeat([180.0 / np.pi, 1.0, 1e-3, 1.0], (2, 4, 4, 4))
-CONTRACTION_STEP = 5e-5
 # joints against each other; friction against its sheet, a factor
 SCALE_APART, VISCOUS_APART = 0.02, 2.0
 PAYLOADS = (0.0, 0.5)  # kg at the tip
@@ -180,88 +179,13 @@ def record_arm(
     readout: Readout,
 ) -> dict[str, Array]:
     """Simulate the recording of this arm with these faults (fault@place -> sizes), on references or
-    commands of shape (samples, 2).
+    commands of shape (samples, 2), as `record_muscles` does."""
+    from pamid.trial.arm_kernel import advance_arm  # compiling takes seconds: only who records pays
 
-    White noise is 0.05 deg, 2e-4 contraction, 1 kPa, 3 N at factor 1. The columns of a recording
-    come back in their declared units. UsageError if the arm flies apart.
-    """
-    from pamid.trial.arm_kernel import run  # compiling takes seconds: only who records pays
-
-    f = placed(faults)
-    closed = excitation.reference_deg is not None
-    reference = np.asarray(
-        excitation.reference_deg if closed else excitation.command, dtype=np.float64
-    )
-    n = len(reference)
-    extended = np.concatenate([reference, np.repeat(reference[-1:], AHEAD, axis=0)]).T.copy()
-    random, logger = np.random.default_rng(readout.seed), readout.logger
-    jitter = readout.noise * ARM_NOISE * logger.noise(random, (n + AHEAD, len(ARM_CHANNELS)))
-    readings, commands = np.zeros((n + AHEAD, len(ARM_CHANNELS))), np.zeros((2, n + AHEAD))
-    run(
-        packed(**asdict(arm.body(payload_kg))),
-        joint_records(arm),
-        np.array([packed(**asdict(specimen)) for specimen in f]),
-        joint_waves(arm),
-        (
-            extended,
-            closed,
-            np.array(list(ARM_CONTROLLER.values())),
-            np.degrees(jitter[:, :2]).T.copy(),
-        ),
-        (PERIOD_S, readout.steps or SUBSTEPS),
-        (readings, commands),
-    )
-    if not np.isfinite(readings).all():
-        raise UsageError(
-            f"The arm becomes unstable with {', '.join(faults) or 'no fault'}.",
-            "Draw smaller sizes.",
-        )
-    time = np.arange(n, dtype=np.float64) * PERIOD_S
-    stamps = time + PERIOD_S * logger.delays(random, n)
-    logged = _logged(arm.joints[0], f, readings, jitter[:n], stamps)
-    references = (
-        {f"reference_{j}_deg": reference[:, k] for k, j in enumerate(JOINTS)} if closed else {}
-    )
-    return {
-        "time_s": time,
-        **references,
-        **{f"command_{j}": commands[k, :n] for k, j in enumerate(JOINTS)},
-        **{name: logged[:, i] for i, name in enumerate(ARM_CHANNELS)},
-    }
-
-
-def joint_records(arm: ArmSpecimen) -> Any:
-    """Constants of the muscles and valves at each joint as compiled code reads them."""
-    # the links' inertia is the arm's
-    return np.array(
-        [
-            machine_record(joint, 0.0, {**KNOWN, "radius": radius})
-            for joint, radius in zip(arm.joints, RADII, strict=True)
-        ]
-    )
-
-
-def joint_waves(arm: ArmSpecimen) -> Array:
-    """Errors of all force maps, (2 joints, 2 muscles, waves, 3); unused waves have no amplitude."""
-    waves = np.zeros((2, 2, max(joint.waves.shape[1] for joint in arm.joints), 3))
-    for j, joint in enumerate(arm.joints):
-        waves[j, :, : joint.waves.shape[1]] = joint.waves
-    return waves
-
-
-def _logged(
-    lot: Specimen, f: tuple[Planted, ...], readings: Array, jitter: Array, time: Array
-) -> Array:
-    """Readings (SI, running on past the end) as the logger writes them: shifted clock, sensor
-    errors, noise, steps."""
-    shown = stamped(f[6], readings, time)
-    for i in range(4):
-        shown[:, 6 + i] += f[i].pressure_zero_pa + f[i].pressure_gain * shown[:, 6 + i]
-    steps = np.repeat(
-        [np.radians(lot.angle_step), CONTRACTION_STEP, lot.pressure_step, lot.force_step],
-        (2, 4, 4, 4),
-    )
-    return np.asarray(np.floor((shown + jitter) / steps + 0.5) * steps * ARM_TO_COLUMN)
+    mechanism = advance_arm, arm.body(payload_kg)
+    joints = list(zip(arm.joints, RADII, strict=True))
+    acting = faults, placed(faults)
+    return record_muscles(ARM_LAYOUT, mechanism, joints, acting, excitation, readout)
 
 
 class TwoLinkMachine:
@@ -315,7 +239,8 @@ class TwoLinkMachine:
         if c.loop == "closed":
             return reference
         columns = record({}, reference, noise)
-        return Excitation(command=np.stack([columns[f"command_{j}"] for j in JOINTS], axis=1))
+        commands = np.stack([columns[f"command_{j}"] for j in JOINTS], axis=1)
+        return Excitation(commands, closed=False)
 
     def build(self, random: np.random.Generator, c: ArmConditions) -> Record:
         specimen = draw_arm(random, c.background)
