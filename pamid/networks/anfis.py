@@ -3,8 +3,7 @@ its consequents.
 
 Equations (Jang 1993, IEEE Trans. Systems, Man, and Cybernetics 23(3)), for inputs x_k scaled into
 [-1, 1]
-    layer 1  membership, per input k and set i: gaussian exp(-t^2/2), bell 1/(1 + |t|^(2 b)), with
-             t = (x_k - centre)/width
+    layer 1  membership, per input k and set i: exp(-t^2/2) with t = (x_k - centre)/width
     layer 2  firing: product of a membership per input, for every combination of sets
     layer 3  firing normalised: all rules sum to 1
     layer 4  rule: firing (bias + sum_k slope_k (x_k - grid_k)/spacing)
@@ -13,14 +12,13 @@ A product over a full grid normalises input by input: the share of a rule is the
 sets' shares, each a softmax of log memberships, which never comes to 0/0. Inputs beyond [-1, 1]
 count as its edge.
 
-Weights are a flat vector. Premises first: for input k, for set i: centre, log width (bell: log
-slope after it), as deviations from the untouched grid. Then the consequents: for rule r (the last
-input's set running fastest) bias, slope_1 .. slope_m. All zero is the untouched grid with output
-zero.
+Weights are a flat vector. Premises first: for input k, for set i: centre, log width, as deviations
+from the untouched grid. Then the consequents: for rule r (the last input's set running fastest)
+bias, slope_1 .. slope_m. All zero is the untouched grid with output zero.
 
 Deviations are bent by limit tanh(deviation/limit): a centre stays within 0.45 spacings of its
-place, so sets keep their order; widths (and bell slopes) stay within a factor of 4.5 (2), so none
-collapses. Near zero they are the weight. The place a rule's slope is counted from does not move
+place, so sets keep their order; widths stay within a factor of 4.5, so none collapses. Near zero
+they are the weight. The place a rule's slope is counted from does not move
 with its centre: the output stays linear in the consequents with features that are well conditioned,
 and the derivative by a centre goes through the firing alone.
 """
@@ -34,7 +32,6 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import expit, log_expit
 
 from pamid.base.arrays import Array
 from pamid.base.errors import DataError, UsageError, nearest
@@ -45,14 +42,12 @@ from pamid.networks.network import CHUNK, Network, Records, Rows
 from pamid.networks.onnx_nodes import OnnxNodes, affine
 from pamid.networks.training_problem import TrainingOptions, TrainingProblem
 
-SHAPES = ("gaussian", "bell")
-LIMITS = (0.45, 1.5, math.log(2.0))  # of centre (spacings), log width, log slope
-# Spacings. The customary 0.42 and 0.5, neighbours crossing at half height, start 3 to 14 (bell 2 to
-# 6) times further off: error of the first least squares on four smooth functions of two inputs, 5 x
-# 5 rules.
-WIDTH_IN_SPACINGS = {"gaussian": 0.6, "bell": 0.7}
-# exponent b of the untouched grid; from 1 to 4 with its limit, so the peak is always smooth
-BELL_SLOPE = 2.0
+SHAPES = ("gaussian",)
+PER_SET = 2  # weights of a set
+LIMITS = (0.45, 1.5)  # of centre (spacings), log width
+# Spacings. The customary 0.42, neighbours crossing at half height, starts 3 to 14 times further
+# off: error of the first least squares on four smooth functions of two inputs, 5 x 5 rules.
+WIDTH_IN_SPACINGS = 0.6
 MOST_CONSEQUENTS = 5000
 MOST_RULES, MOST_SETS = 64, 5  # default without a number of sets
 START = 0.05  # standard deviation of a random start's premises
@@ -60,16 +55,13 @@ CONSEQUENT_RIDGE = 1e-6  # of a start's least squares, per sample
 
 
 class Sets(NamedTuple):
-    """Membership sets, each (inputs, sets): place and width in scaled units, bell exponent b; and
-    d/dweight of each.
+    """Membership sets, each (inputs, sets): place and width in scaled units.
 
-    `bend` (inputs, sets, 2 or 3) is the derivative of centre/spacing, log width, log slope by its
-    weight.
+    `bend` (inputs, sets, 2) is the derivative of centre/spacing and log width by its weight.
     """
 
     centre: Array
     width: Array
-    slope: Array
     bend: Array
 
 
@@ -78,7 +70,8 @@ class Anfis(Network):
     """An ANFIS' sizes; weights are passed to every verb as a flat float64 vector (layout:
     module).
 
-    `inputs` m, `sets` membership sets per input, `shape` "gaussian" or "bell". sets^m rules.
+    `inputs` m, `sets` membership sets per input, `shape` that of the sets, which is
+    stored with them. sets^m rules.
     """
 
     kind: ClassVar[str] = "anfis"
@@ -133,7 +126,7 @@ class Anfis(Network):
 
     @property
     def premises(self) -> int:
-        return self.inputs * self.sets * self._per_set
+        return self.inputs * self.sets * PER_SET
 
     @property
     def rules(self) -> int:
@@ -172,19 +165,14 @@ class Anfis(Network):
     def membership(self, weights: ArrayLike) -> Sets:
         """The membership sets that the weights stand for; DataError when there are not `n_weights`
         of them."""
-        deviation = self.flat(weights)[: self.premises].reshape(
-            self.inputs, self.sets, self._per_set
-        )
-        limits = np.array(LIMITS[: self._per_set])
+        deviation = self.flat(weights)[: self.premises].reshape(self.inputs, self.sets, PER_SET)
+        limits = np.array(LIMITS)
         # A smooth limit needs no bounds in the optimiser, and its slope at zero is 1.
         bent = np.tanh(deviation / limits)
         moved = limits * bent
         return Sets(
             centre=self._grid + self.spacing * moved[..., 0],
-            width=self.spacing * WIDTH_IN_SPACINGS[self.shape] * np.exp(moved[..., 1]),
-            slope=BELL_SLOPE * np.exp(moved[..., 2])
-            if self.shape == "bell"
-            else np.ones(moved.shape[:2]),
+            width=self.spacing * WIDTH_IN_SPACINGS * np.exp(moved[..., 1]),
             bend=1.0 - bent * bent,
         )
 
@@ -223,19 +211,13 @@ class Anfis(Network):
         """The output as an equation of the inputs, to be held within [-1, 1]: no sum of memberships
         vanishes there."""
         sets, rows = self.membership(weights), iter(self.consequents(weights).tolist())
-        members: list[list[Expr]] = []
-        for k, x in enumerate(inputs):
-            squares = [
-                ((x - c) * (1.0 / w)) ** 2
+        members = [
+            [
+                exp(-0.5 * ((x - c) * (1.0 / w)) ** 2)
                 for c, w in zip(sets.centre[k], sets.width[k], strict=True)
             ]
-            members.append(
-                [exp(-0.5 * s) for s in squares]
-                if self.shape == "gaussian"
-                else [
-                    1.0 / (1.0 + s**b) for s, b in zip(squares, sets.slope[k].tolist(), strict=True)
-                ]
-            )
+            for k, x in enumerate(inputs)
+        ]
         places = [[(x - g) * (1.0 / self.spacing) for g in self._grid.tolist()] for x in inputs]
 
         def fired(k: int, rule: tuple[int, ...]) -> Expr:
@@ -267,11 +249,7 @@ class Anfis(Network):
         away = g.add("Sub", g.add("Reshape", inside, g.index(-1, 1)), g.array(sets.centre))
         scaled = g.add("Mul", away, g.array(1.0 / sets.width))
         squares = g.add("Mul", scaled, scaled)
-        if self.shape == "gaussian":
-            members = g.add("Exp", g.add("Mul", squares, g.number(-0.5)))
-        else:
-            grown = g.add("Pow", squares, g.array(sets.slope))
-            members = g.add("Div", g.number(1.0), g.add("Add", grown, g.number(1.0)))
+        members = g.add("Exp", g.add("Mul", squares, g.number(-0.5)))
         shares = g.add("Div", members, g.add("ReduceSum", members, g.index(1), keepdims=1))
         each = g.parts(g.add("Reshape", shares, g.index(-1)), [self.sets] * self.inputs)
 
@@ -302,9 +280,7 @@ class Anfis(Network):
                 parts = firing * self._rule_outputs(consequents, x)
                 y = parts.sum(axis=0)
                 jacobian = np.empty((self.n_weights, n))
-                premise = jacobian[: self.premises].reshape(
-                    self.inputs, self.sets, self._per_set, n
-                )
+                premise = jacobian[: self.premises].reshape(self.inputs, self.sets, PER_SET, n)
                 grid = parts.reshape(*(self.sets,) * self.inputs, n)
                 for k, (shares, slopes) in enumerate(known):
                     # Sums over the other axes of the grid replace a loop over all rules for every
@@ -320,25 +296,12 @@ class Anfis(Network):
             yield start, y, jacobian.T
 
     def _shares(self, sets: Sets, k: int, x: Array) -> tuple[Array, Array]:
-        """Normalised memberships of input k (sets, n) and d log membership/d weight (sets, 2 or 3,
-        n)."""
+        """Normalised memberships of input k (sets, n), d log membership/d weight (sets, 2, n)."""
         width = sets.width[k, :, None]
         t = (x - sets.centre[k, :, None]) / width
-        slopes = np.empty((self.sets, self._per_set, len(x)))
-        if self.shape == "gaussian":
-            squared = t * t
-            log_member = -0.5 * squared
-            slopes[:, 0], slopes[:, 1] = t / width, squared
-        else:
-            # log m = -log(1 + |t|^(2 b)) by way of log |t|, which must stay finite at the centre
-            t = np.where(t == 0.0, 1e-300, t)
-            rise = 2.0 * sets.slope[k, :, None]
-            log_power = rise * np.log(np.abs(t))
-            outside = expit(log_power)
-            log_member = log_expit(-log_power)
-            slopes[:, 1] = rise * outside
-            slopes[:, 0], slopes[:, 2] = slopes[:, 1] / (t * width), -outside * log_power
-        slopes[:, 0] *= self.spacing
+        squared = t * t
+        log_member = -0.5 * squared
+        slopes = np.stack([self.spacing * (t / width), squared], axis=1)
         slopes *= sets.bend[k, :, :, None]
         # the softmax does not change with a constant: the largest is made exp(0)
         shares = np.exp(log_member - log_member.max(axis=0))
@@ -367,10 +330,6 @@ class Anfis(Network):
         """Every rule's linear function (rules, n) of x (m, n)."""
         slopes, constant = self.planes(consequents)
         return slopes @ x + constant[:, None]
-
-    @property
-    def _per_set(self) -> int:
-        return 3 if self.shape == "bell" else 2
 
     @cached_property
     def _grid(self) -> Array:

@@ -24,7 +24,6 @@ KINDS = [
     Elman(2, 3),
     Elman(1, 4),
     Anfis(2, 3),
-    Anfis(1, 4, "bell"),
     Narx(2, 3, stride=1),
     Narx(1, 2, 1, 3, stride=4),
 ]

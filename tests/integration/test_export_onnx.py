@@ -72,7 +72,6 @@ NETWORKS: list[Network] = [
     Narx(5, 4, 0, 1, 1),
     Narx(5, 4, 1, 2, 1),
     Anfis(5, 2),
-    Anfis(5, 2, "bell"),
 ]
 
 
