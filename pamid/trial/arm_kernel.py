@@ -2,9 +2,10 @@
 Euler at a tenth of a millisecond, compiled.
 
 Order within a step: valves, air, pulls, motion, sensor filters; each part uses what the parts
-before it have just set. `a` is the record of the moving parts (fields of `one_dof.JointBody` or
-`two_link.ArmBody`), `m[j]` the machine of joint j, `f` what is planted: of n joints f[0] to
-f[2 n - 1] in their muscles, f[2 n] to f[3 n - 1] in the joints, f[3 n] in what all share.
+before it have just set. `a` is the record of the moving parts (of the joint `inertia` and
+`viscous`, of the arm that of `two_link.ArmSpecimen.body`), `m[j]` the machine of joint j, `f` what
+is planted: of n joints f[0] to f[2 n - 1] in their muscles, f[2 n] to f[3 n - 1] in the joints,
+f[3 n] in what all share.
 
 The links of the arm are described by their angles against the vertical, u_1 and u_2 their speeds,
 from Newton's equations of the two bodies: with the pull of link 2 on the elbow eliminated they are

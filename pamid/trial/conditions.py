@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from pamid.trial.faults import LONG_HOLDS, Fault
+from pamid.base.arrays import Array
+from pamid.trial.faults import LONG_HOLDS
 from pamid.trial.logger import PLAIN_LOGGER, Logger
 
 HOLDS, SLOW_HOLD = ((0.4, 1.6), (0.8, 3.0)), (3.0, 12.0)  # s
@@ -52,32 +53,25 @@ class StarterConditions:
     logger: Logger = PLAIN_LOGGER
 
 
-@dataclass(frozen=True)
-class Draws:
-    """Conditions in which faults can show, of numbers that are even between 0 and 1."""
+def muscle_conditions(needs: Set[str], u: Array, clean: bool) -> dict[str, Any]:
+    """Common conditions of a joint and of an arm, drawn by numbers u that are even between 0 and 1.
+    needs: what a recording must have to show the faults."""
+    return {
+        "loop": "open" if u[1] < 0.25 else "closed",
+        "noise": noise_factor(u[3]),
+        "background": background_size(u[4], clean),
+        "seconds": 2.0 * SECONDS if LONG_HOLDS in needs else SECONDS,
+        "hold_s": SLOW_HOLD if LONG_HOLDS in needs else HOLDS[int(u[6] * 2)],
+    }
 
-    faults: Sequence[Fault] = ()
 
-    @property
-    def needs(self) -> frozenset[str]:
-        return frozenset().union(*(f.needs for f in self.faults))
+def noise_factor(u: float) -> float:
+    return 5.0 if u < 0.15 else 1.0
 
-    @property
-    def seconds(self) -> float:
-        return 2.0 * SECONDS if LONG_HOLDS in self.needs else SECONDS
 
-    def loop(self, u: float) -> str:
-        return "open" if u < 0.25 else "closed"
-
-    def noise(self, u: float) -> float:
-        return 5.0 if u < 0.15 else 1.0
-
-    def background(self, u: float, clean: bool) -> float:
-        low, high = BACKGROUND
-        return 0.0 if clean else float(low * (high / low) ** u)
-
-    def holds(self, u: float) -> tuple[float, float]:
-        return SLOW_HOLD if LONG_HOLDS in self.needs else HOLDS[int(u * 2)]
+def background_size(u: float, clean: bool) -> float:
+    low, high = BACKGROUND
+    return 0.0 if clean else float(low * (high / low) ** u)
 
 
 def draw_starter_conditions(
@@ -91,8 +85,8 @@ def draw_starter_conditions(
         channels=channels[0]
         if u[0] < 0.5 or not rest
         else rest[int((2.0 * u[0] - 1.0) * len(rest))],
-        noise=Draws().noise(u[1]),
-        background=Draws().background(u[2], clean),
+        noise=noise_factor(u[1]),
+        background=background_size(u[2], clean),
         seconds=seconds,
         amplitude=float(0.8 + 0.4 * u[3]),
     )

@@ -23,6 +23,7 @@ import numpy as np
 from pamid.base.arrays import Array
 from pamid.base.errors import DataError, UsageError, nearest
 from pamid.base.files import sha256_of
+from pamid.base.metrics import rms
 from pamid.base.parallel.result_store import digest
 from pamid.base.trust import is_code
 from pamid.base.units import split_column, to_si
@@ -42,7 +43,6 @@ from pamid.trial.conditions import ALL, StarterConditions, draw_starter_conditio
 from pamid.trial.faults import NAMELESS, Fault
 from pamid.trial.machine import Record, machine_names
 from pamid.trial.own_excitation import made_excitation, runs_closed, runs_open, sampled
-from pamid.trial.own_faults import TIMES_TYPICAL, WAY, fault_of, planted_places
 from pamid.trial.own_forms import (
     FORM,
     FORM_BEND,
@@ -50,8 +50,12 @@ from pamid.trial.own_forms import (
     FORM_SETTLING,
     FORM_SKEW,
     SIGNAL_SIZE,
+    TIMES_TYPICAL,
+    WAY,
     Roughness,
+    fault_of,
     in_another_form,
+    planted_places,
     wave_values,
 )
 from pamid.trial.starter_machine import draw_map
@@ -226,8 +230,8 @@ class RigSpecimen:
             if raised:
                 return times
             shown = max(
-                _rms(outputs[c] - rough[c])
-                / np.hypot(self.conditions.noise * self.rig.noise[c], _rms(rough[c] - smooth[c]))
+                rms(outputs[c] - rough[c])
+                / np.hypot(self.conditions.noise * self.rig.noise[c], rms(rough[c] - smooth[c]))
                 for c in self.rig.outputs
             )
             if shown >= SHOWN_FLOORS:
@@ -303,19 +307,13 @@ class RigSpecimen:
         label = _label(name)
         if name.startswith(NAMELESS):
             return replace(a, label=label)
-        kind = in_another_form(type(a.effect), self._bent(a))
-        return Attachment(kind(), a.ports, label)
-
-    def _bent(self, a: Attachment) -> list[str]:
-        """The signals at its ports of which a size is known."""
-        return sorted(
-            {
-                s
-                for port in a.ports
-                for s in self.rig.ports[port].signals
-                if (port, s) in self.sizes or s in self.rig.ports[port].size
-            }
-        )
+        bent = {
+            s
+            for port in a.ports
+            for s in self.rig.ports[port].signals
+            if (port, s) in self.sizes or s in self.rig.ports[port].size
+        }
+        return Attachment(in_another_form(type(a.effect), sorted(bent))(), a.ports, label)
 
     def _set_sizes(
         self, assembly: Assembly, p: Array, a: Attachment, sizes: Mapping[str, float]
@@ -334,16 +332,13 @@ class RigSpecimen:
             elif name == FORM_SETTLING:
                 p[i] = sizes[name] * self.machine.period_s
             elif name.startswith(SIGNAL_SIZE):
-                p[i] = self._size(a, name.removeprefix(SIGNAL_SIZE))
+                signal = name.removeprefix(SIGNAL_SIZE)
+                stated = (self.rig.ports[port].size.get(signal, 0.0) for port in a.ports)
+                p[i] = max(*(self.sizes.get((port, signal), 0.0) for port in a.ports), *stated)
             elif name != FORM_SCALE:
                 p[i] = min(max(b.value * sizes.get(name, 1.0), b.low), b.high)
         if FORM_SCALE in place:
             p[place[FORM_SCALE][0]] = self._change(assembly, p, a)
-
-    def _size(self, a: Attachment, signal: str) -> float:
-        """The largest size of a signal at its ports, SI."""
-        stated = (self.rig.ports[port].size.get(signal, 0.0) for port in a.ports)
-        return max(*(self.sizes.get((port, signal), 0.0) for port in a.ports), *stated)
 
     def _change(self, assembly: Assembly, p: Array, a: Attachment) -> float:
         """Typical change of the value at the port by the planted effect (SI), before its form is
@@ -387,10 +382,6 @@ def _read(
     u, period = data_of(assembly.rig, probe).inputs(assembly), probe.sampling_period_s
     run = free_run(assembly, u, p, period, further=extra)
     return run.outputs[: run.blown_up] if run.blown_up >= 0 else run.outputs
-
-
-def _rms(x: Array) -> float:
-    return float(np.sqrt(np.mean(x * x)))
 
 
 # ---- how it is drawn ---------------------------------------------------------------------------

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from pamid.base.arrays import Array
-from pamid.base.errors import UsageError, nearest
+from pamid.base.errors import UsageError
 from pamid.trial.conditions import ALL, Conditions, StarterConditions, draw_starter_conditions
 from pamid.trial.faults import NAMELESS, Draw, Fault
 from pamid.trial.logger import Readout
@@ -170,15 +170,10 @@ class StarterMachine:
         )
 
     def planted(self, faults: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
-        """Faults at every place, with the sizes by fault. UsageError for a fault there is not, or
-        two that set the same size."""
+        """Faults at every place, with the sizes by fault. UsageError for two that set the same
+        size."""
         places, occupied = {**self.ports, CLOCK: ClockSizes()}, set()
         for name, sizes in faults.items():
-            if name not in self.faults:
-                raise UsageError(
-                    f"{name!r} cannot be planted in {self.name}",
-                    nearest(name, list(self.faults)) or "see its faults",
-                )
             for key, value in sizes.items():
                 place = self._place(self.faults[name], key)
                 if (place, key) in occupied:

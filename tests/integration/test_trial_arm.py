@@ -38,7 +38,6 @@ from pamid.trial.machines.one_dof import NOISE, PERIOD_S, TO_COLUMN, Excitation
 from pamid.trial.machines.two_link import (
     ARM_LAYOUT,
     TRUE_ARM,
-    ArmBody,
     ArmSpecimen,
     draw_arm,
     record_arm,
@@ -135,7 +134,7 @@ def textbook(t: float, y: Any, p: dict[str, float]) -> list[float]:
 
 
 def released(
-    body: ArmBody, at: tuple[float, float], seconds: float, **planted: Planted
+    body: Any, at: tuple[float, float], seconds: float, **planted: Planted
 ) -> tuple[Any, Any]:
     """States (n, 2 joints, JOINT_STATES) of the arm let go at rest, and its records; planted: by
     joint_1, joint_2."""
@@ -145,19 +144,19 @@ def released(
             for k in ("", "", "", "", "joint_1", "joint_2", "")
         ]
     )
-    a, x = packed(**asdict(body)), np.zeros((2, JOINT_STATES))
+    x = np.zeros((2, JOINT_STATES))
     x[:, ANGLE] = at
     x[:, LOAD_ANGLE] = at[0], at[0] + at[1]
     states = []
     for _ in range(round(seconds / STEP)):
-        advance_arm(x, a, f, np.zeros(2), STEP)
+        advance_arm(x, body, f, np.zeros(2), STEP)
         states.append(x.copy())
     return np.array(states), f
 
 
 def drawn_body(
     payload: float, viscous: tuple[float, float] | None = None
-) -> tuple[ArmBody, dict[str, float]]:
+) -> tuple[Any, dict[str, float]]:
     one = machine() if viscous is None else replace(machine(), viscous=viscous)
     return one.body(payload), {
         **one.links,

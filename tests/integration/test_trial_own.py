@@ -23,12 +23,12 @@ from pamid.trial.case_machine import CaseMachine
 from pamid.trial.cases import Case, cases_sha256, draw_cases
 from pamid.trial.faults import NAMELESS
 from pamid.trial.own_excitation import MAX_SAMPLES, made_excitation, sampled
-from pamid.trial.own_faults import TIMES_TYPICAL
 from pamid.trial.own_forms import (
     FORM_BEND,
     FORM_SCALE,
     FORM_SETTLING,
     FORM_SKEW,
+    TIMES_TYPICAL,
     in_another_form,
 )
 from pamid.trial.own_machine import OwnMachine, draw_specimen, machine_of

@@ -19,7 +19,7 @@ import numpy as np
 from pamid.base.arrays import Array
 from pamid.base.errors import UsageError
 from pamid.simulation.excitation.aprbs import aprbs
-from pamid.trial.conditions import ALL, NO_FORCES, Draws
+from pamid.trial.conditions import ALL, NO_FORCES, muscle_conditions
 from pamid.trial.faults import FAULTS, HIGH_INERTIA, PRESSURES, WIDE_RANGE, Fault, Planted, planted
 from pamid.trial.logger import PLAIN_LOGGER, Logger, Readout
 from pamid.trial.machine import AHEAD, ONE_DOF, Record, packed
@@ -92,14 +92,6 @@ class Specimen:
     drift_1: float  # share of force gained over a recording
     drift_2: float
     waves: Array = field(repr=False)
-
-
-@dataclass(frozen=True)
-class JointBody:
-    """Inertia (kg m2) and damping (N m s) of the moving part."""
-
-    inertia: float
-    viscous: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,7 +214,7 @@ def record(
 
     f = planted(faults)
     f_2 = replace(f, pressure_zero_pa=0.9 * f.pressure_zero_pa)
-    mechanism = advance_joint, JointBody(inertia_kg_m2, specimen.viscous)
+    mechanism = advance_joint, packed(inertia=inertia_kg_m2, viscous=specimen.viscous)
     joints, acting = [(specimen, KNOWN["radius"])], (faults, (f, f_2, f, f))
     return record_muscles(JOINT_LAYOUT, mechanism, joints, acting, excitation, readout)
 
@@ -240,7 +232,7 @@ def record_muscles(
     White noise is 0.05 deg, 2e-4 contraction, 1 kPa, 3 N at factor 1. The columns of a recording
     come back in their declared units. UsageError if the machine flies apart.
 
-    mechanism  function of `arm_kernel` that moves it, and its body
+    mechanism  function of `arm_kernel` that moves it, and the record of its body
     joints     constants of the muscles and valves of each joint, and the radius (m) of its wheel
     faults     their names, and what is planted in the order of `arm_kernel`
     """
@@ -262,7 +254,7 @@ def record_muscles(
     run(
         advance,
         (
-            packed(**asdict(body)),
+            body,
             np.array([machine_record(joint, radius) for joint, radius in joints]),
             np.array([packed(**asdict(f)) for f in planted_at]),
         ),
@@ -321,17 +313,13 @@ class OneDofMachine:
         self, random: np.random.Generator, faults: Sequence[Fault], clean: bool
     ) -> JointConditions:
         """Draw the conditions, then restrict them to those in which the faults can show."""
-        d, u = Draws(faults), random.random(7)
-        angle_only = u[2] < 0.2 and PRESSURES not in d.needs
+        needs, u = frozenset().union(*(f.needs for f in faults)), random.random(7)
+        angle_only = u[2] < 0.2 and PRESSURES not in needs
         return JointConditions(
-            inertia_kg_m2=JOINT_INERTIAS[1 if HIGH_INERTIA in d.needs else int(u[0] * 2)],
-            loop=d.loop(u[1]),
+            inertia_kg_m2=JOINT_INERTIAS[1 if HIGH_INERTIA in needs else int(u[0] * 2)],
             channels=ANGLE if angle_only else NO_FORCES if u[2] < 0.6 else ALL,
-            noise=d.noise(u[3]),
-            background=d.background(u[4], clean),
-            seconds=d.seconds,
-            amplitude_deg=float(32.0 + 8.0 * u[5] if WIDE_RANGE in d.needs else 25.0 + 15.0 * u[5]),
-            hold_s=d.holds(u[6]),
+            amplitude_deg=float(32.0 + 8.0 * u[5] if WIDE_RANGE in needs else 25.0 + 15.0 * u[5]),
+            **muscle_conditions(needs, u, clean),
         )
 
     def plant(self, fault: str, random: np.random.Generator) -> tuple[str, dict[str, float]]:

@@ -25,11 +25,12 @@ from pamid.trial.arm_faults import (
     placed,
     truth_of,
 )
-from pamid.trial.conditions import ALL, NO_FORCES, Draws
+from pamid.trial.conditions import ALL, NO_FORCES, muscle_conditions
 from pamid.trial.faults import HIGH_INERTIA, WIDE_RANGE, Fault
 from pamid.trial.logger import PLAIN_LOGGER, Logger, Readout
-from pamid.trial.machine import TWO_LINK, Record
+from pamid.trial.machine import TWO_LINK, Record, packed
 from pamid.trial.machines.one_dof import (
+    JOINT_CONTROLLER,
     PERIOD_S,
     PRESSURES_KPA,
     Excitation,
@@ -40,12 +41,7 @@ from pamid.trial.machines.one_dof import (
 )
 
 # gentler than the joint's: with that controller the arm, ten times as heavy, never comes to rest
-ARM_CONTROLLER = {
-    "kp_per_deg": 0.03,
-    "kd_s_per_deg": 0.003,
-    "derivative_filter_s": 0.006,
-    "command_limit": 1.0,
-}
+ARM_CONTROLLER = {**JOINT_CONTROLLER, "kp_per_deg": 0.03}
 RADII = (0.035, 0.025)  # m
 LENGTH_1, LENGTH_2 = 0.40, 0.30  # m
 GRAVITY = 9.81  # m/s2
@@ -95,24 +91,6 @@ class ArmConditions:
     logger: Logger = PLAIN_LOGGER
 
 
-@dataclass(frozen=True)
-class ArmBody:
-    """Link properties in the equations of motion, payload included; SI.
-
-    inertia_1: of link 1 about its joint, with all of link 2 at the elbow; inertia_2: of link 2
-    about the elbow; coupling, weight_1, weight_2: factors of the cosine of the bend and of the
-    sines of both angles against the vertical
-    """
-
-    inertia_1: float
-    inertia_2: float
-    coupling: float
-    weight_1: float
-    weight_2: float
-    viscous_1: float
-    viscous_2: float
-
-
 @dataclass(frozen=True, eq=False)
 class ArmSpecimen:
     """True constants of an arm. joints: the muscles and valves of each; links: as in TRUE_ARM, SI;
@@ -122,12 +100,18 @@ class ArmSpecimen:
     links: Mapping[str, float]
     viscous: tuple[float, float]
 
-    def body(self, payload_kg: float) -> ArmBody:
-        """The links with a payload at the tip."""
+    def body(self, payload_kg: float) -> Any:
+        """Link properties in the equations of motion, with a payload at the tip, as compiled code
+        reads them; SI.
+
+        inertia_1: of link 1 about its joint, with all of link 2 at the elbow; inertia_2: of link 2
+        about the elbow; coupling, weight_1, weight_2: factors of the cosine of the bend and of the
+        sines of both angles against the vertical
+        """
         links = self.links
         moment = links["mass_2"] * links["centre_2"] + payload_kg * LENGTH_2
         beyond = links["mass_2"] + payload_kg
-        return ArmBody(
+        return packed(
             inertia_1=links["inertia_1"]
             + links["mass_1"] * links["centre_1"] ** 2
             + beyond * LENGTH_1**2,
@@ -205,18 +189,14 @@ class TwoLinkMachine:
         self, random: np.random.Generator, faults: Sequence[Fault], clean: bool
     ) -> ArmConditions:
         """Draw the conditions, then restrict them to those in which the faults can show."""
-        d, u = Draws(faults), random.random(8)
-        wide = WIDE_RANGE in d.needs
+        needs, u = frozenset().union(*(f.needs for f in faults)), random.random(8)
+        wide = WIDE_RANGE in needs
         return ArmConditions(
-            payload_kg=PAYLOADS[1] if HIGH_INERTIA in d.needs else PAYLOADS[int(u[0] * 2)],
-            loop=d.loop(u[1]),
+            payload_kg=PAYLOADS[1] if HIGH_INERTIA in needs else PAYLOADS[int(u[0] * 2)],
             channels=ANGLES_AND_PRESSURES if u[2] < 0.2 else NO_FORCES if u[2] < 0.6 else ALL,
-            noise=d.noise(u[3]),
-            background=d.background(u[4], clean),
-            seconds=d.seconds,
             amplitude_1_deg=float(25.0 + 5.0 * u[5] if wide else 15.0 + 15.0 * u[5]),
             amplitude_2_deg=float(34.0 + 6.0 * u[7] if wide else 20.0 + 20.0 * u[7]),
-            hold_s=d.holds(u[6]),
+            **muscle_conditions(needs, u, clean),
         )
 
     def plant(self, fault: str, random: np.random.Generator) -> tuple[str, dict[str, float]]:
