@@ -260,15 +260,15 @@ class _Replayed:
         """The network over every window from a zero state, in its unit (samples,)."""
         network, inputs = self.model.network, self.model.assembly.traced.inputs
         assert network is not None
-        columns = []
-        for source in network.sources:
+        signals = {}
+        for name, source in zip(network.trained.input_names, network.sources, strict=True):
             if source in self.channels:
                 values = done.model[:, self.channels.index(source)]
             else:
                 values = done.track.u[:, inputs.index(source)]
-            columns.append(from_si(values, split_column(source)[1]))
-        signals = np.column_stack(columns)
-        prediction = np.zeros(len(signals))
+            signals[name] = from_si(values, split_column(source)[1])
+        prediction = np.zeros(len(done.model))
         for w in done.windows:
-            prediction[w.start : w.stop] = network.trained.predict(signals[w.start : w.stop])
+            rows = slice(w.start, w.stop)
+            prediction[rows] = network.trained.predict({k: v[rows] for k, v in signals.items()})
         return prediction

@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pamid.base.arrays import Array
-from pamid.base.errors import DataError
 from pamid.networks.bayes import effective_samples, effective_weights, resolved
 from pamid.networks.checkpoints import Attempt, TrainingStep, load_checkpoint, save_checkpoint
 from pamid.networks.levenberg_marquardt import USED_UP, fresh, levenberg_marquardt_steps
@@ -108,28 +107,25 @@ def train(
     `options.progress` or anywhere, ends the training with what it has. engine: computes the passes
     of all starts that are running in a batch (default: that of `options.device`).
 
-    A failure to converge is reported in the result; DataError is for data that cannot be fitted,
+    A failure to converge is reported in the result; DataError is for less data than weights,
     FileError for a checkpoint of another training, UsageError for a device that is not there.
     """
     problem = TrainingProblem(network, recordings(inputs, target), options)
     check_problem(problem)
     checkpoint = options.checkpoint
-    if options.resume and checkpoint is None:
-        raise DataError("There is nothing to resume from.", "Name the checkpoint file.")
     # Computed before the first step, so that a checkpoint of other data is refused before any of
     # it is overwritten.
     key = fingerprint(problem)
     attempts: dict[int, Attempt] = {}
     if options.resume and checkpoint is not None and checkpoint.exists():
         attempts = load_checkpoint(checkpoint, key, network.n_weights)
-    clock = _Clock(checkpoint, key)
-    race = _Race(problem, engine or engine_on(options.device, network), clock)
+    clock, engine = _Clock(checkpoint, key), engine or engine_on(options.device, network)
     interrupted, running = False, list(range(options.starts))
     try:
         for gate in (g for g in GATES if g < options.iterations):
-            race.run_until(gate, attempts, running)
+            _run_until(gate, problem, engine, attempts, running, clock)
             running = _better_half(attempts, running, gate)
-        race.run_until(options.iterations, attempts, running)
+        _run_until(options.iterations, problem, engine, attempts, running, clock)
     except KeyboardInterrupt:
         interrupted = True
         attempts = attempts or {0: fresh(problem, 0)}
@@ -137,61 +133,60 @@ def train(
     return _training_of(problem, [attempts[k] for k in sorted(attempts)], running, interrupted)
 
 
-@dataclass(frozen=True)
-class _Race:
-    """Shared state of all starts of a training that run in parallel."""
+def _run_until(
+    gate: int,
+    problem: TrainingProblem,
+    engine: TorchPasses | None,
+    attempts: dict[int, Attempt],
+    running: list[int],
+    clock: "_Clock",
+) -> None:
+    """Bring every running start to iteration `gate`, or its end, in parallel; `attempts`
+    follows."""
+    # A single thread writes attempts and reports progress, so that neither needs a lock.
+    messages: queue.SimpleQueue[Attempt | None] = queue.SimpleQueue()
+    stop = Event()
+    open_starts = [s for s in running if s not in attempts or not _ended(attempts[s], gate)]
+    if not open_starts:
+        return
+    count, threads = len(open_starts), max(problem.options.threads, 1)
+    if engine:  # a batch serves all starts: each has to be there to request its pass
+        batch_queue = BatchQueue(engine, problem.records, problem.washout, count)
+        problem, threads = replace(problem, batch_queue=batch_queue), count
+    problem = replace(problem, threads=max(1, threads // count))
+    progress = problem.options.progress
 
-    problem: TrainingProblem
-    engine: TorchPasses | None
-    clock: "_Clock"
+    def go(start: int) -> None:
+        try:
+            begun = attempts[start] if start in attempts else fresh(problem, start)
+            for attempt in levenberg_marquardt_steps(problem, begun, gate):
+                messages.put(attempt)
+                if stop.is_set():
+                    return
+        finally:
+            if problem.batch_queue:
+                problem.batch_queue.leave()
+            messages.put(None)
 
-    def run_until(self, gate: int, attempts: dict[int, Attempt], running: list[int]) -> None:
-        """Bring every running start to iteration `gate`, or its end; `attempts` follows."""
-        # A single thread writes attempts and reports progress, so that neither needs a lock.
-        messages: queue.SimpleQueue[Attempt | None] = queue.SimpleQueue()
-        stop = Event()
-        open_starts = [s for s in running if s not in attempts or not _ended(attempts[s], gate)]
-        if not open_starts:
-            return
-        count, problem = len(open_starts), self.problem
-        threads = max(problem.options.threads, 1)
-        if self.engine:  # a batch serves all starts: each has to be there to request its pass
-            queue_of_all = BatchQueue(self.engine, problem.records, problem.washout, count)
-            problem, threads = replace(problem, batch_queue=queue_of_all), count
-        problem = replace(problem, threads=max(1, threads // count))
-        progress = problem.options.progress
-
-        def go(start: int) -> None:
-            try:
-                begun = attempts[start] if start in attempts else fresh(problem, start)
-                for attempt in levenberg_marquardt_steps(problem, begun, gate):
-                    messages.put(attempt)
-                    if stop.is_set():
-                        return
-            finally:
-                if problem.batch_queue:
-                    problem.batch_queue.leave()
-                messages.put(None)
-
-        with ThreadPoolExecutor(threads) as pool:
-            jobs = [pool.submit(go, s) for s in open_starts]
-            try:
-                left = len(jobs)
-                while left:
-                    attempt = messages.get()
-                    if attempt is None:
-                        left -= 1
-                        continue
-                    attempts[attempt.start] = attempt
-                    self.clock.keep(attempts)
-                    if progress and not attempt.why:
-                        progress(attempt.steps[-1], attempt.start)
-            finally:
-                stop.set()
-                for job in jobs:
-                    job.cancel()
-        for job in jobs:
-            job.result()
+    with ThreadPoolExecutor(threads) as pool:
+        jobs = [pool.submit(go, s) for s in open_starts]
+        try:
+            left = len(jobs)
+            while left:
+                attempt = messages.get()
+                if attempt is None:
+                    left -= 1
+                    continue
+                attempts[attempt.start] = attempt
+                clock.keep(attempts)
+                if progress and not attempt.why:
+                    progress(attempt.steps[-1], attempt.start)
+        finally:
+            stop.set()
+            for job in jobs:
+                job.cancel()
+    for job in jobs:
+        job.result()
 
 
 def _ended(attempt: Attempt, gate: int) -> bool:

@@ -34,24 +34,13 @@ class Scaling:
 
     def forward(self, values: ArrayLike) -> Array:
         """(N, columns), or (N,) for a single column, in its units -> the same shape in [-1, 1]."""
-        low, span = self._low_and_span(values)
-        return 2.0 * (np.asarray(values, dtype=np.float64) - low) / span - 1.0
+        low, high = np.array(self.low), np.array(self.high)
+        return 2.0 * (np.asarray(values, dtype=np.float64) - low) / (high - low) - 1.0
 
     def backward(self, scaled: ArrayLike) -> Array:
         """The inverse of `forward`."""
-        low, span = self._low_and_span(scaled)
-        return low + 0.5 * (np.asarray(scaled, dtype=np.float64) + 1.0) * span
-
-    def _low_and_span(self, values: ArrayLike) -> tuple[Array, Array]:
-        shape, columns = np.shape(values), len(self.low)
-        if not ((len(shape) == 2 and shape[1] == columns) or (len(shape) == 1 and columns == 1)):
-            raise DataError(
-                f"This scaling holds {columns} columns and does not fit an array of shape {shape}."
-            )
         low, high = np.array(self.low), np.array(self.high)
-        if len(shape) == 1:
-            low, high = low[0], high[0]
-        return low, high - low
+        return low + 0.5 * (np.asarray(scaled, dtype=np.float64) + 1.0) * (high - low)
 
 
 def scaling_of(values: ArrayLike, names: Sequence[str]) -> Scaling:
@@ -60,13 +49,7 @@ def scaling_of(values: ArrayLike, names: Sequence[str]) -> Scaling:
     DataError names the column that is constant, or the row and column of a value that is not
     finite.
     """
-    table = np.asarray(values, dtype=np.float64)
-    if table.ndim == 1:
-        table = table[:, None]
-    if table.ndim != 2 or table.shape[1] != len(names) or not len(table):
-        raise DataError(
-            f"{len(names)} names ({', '.join(names)}) do not fit data of shape {np.shape(values)}."
-        )
+    table = np.asarray(values, dtype=np.float64).reshape(-1, len(names))
     check_finite(table, names)
     low, high = table.min(axis=0), table.max(axis=0)
     for name, a, b in zip(names, low, high, strict=True):

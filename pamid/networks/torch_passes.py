@@ -19,9 +19,10 @@ import math
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass
-from threading import Condition, get_ident
+from threading import Lock
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -157,8 +158,6 @@ class TorchPasses(ABC):
         import torch
 
         u, wanted = self.network.table(inputs), np.ascontiguousarray(target, dtype=np.float64)
-        if wanted.shape != (len(u),):
-            raise DataError(f"Target has shape {wanted.shape} for {len(u)} samples of input.")
         with _single_thread():
             run, length = self._run(weights, u)
             counted = torch.zeros(run.y[0].shape, dtype=torch.bool, device=self.device)
@@ -367,53 +366,41 @@ class BatchQueue:
         parties: int,
     ) -> None:
         self.engine, self.records, self.washout, self.parties = engine, records, washout, parties
-        self.changed = Condition()
-        self.requests: dict[int, tuple[int, Array]] = {}
-        self.answers: dict[int, Sums | BaseException] = {}
+        self.lock = Lock()
+        self.requests: list[tuple[int, Array, Future[Sums]]] = []
 
     def normal_equations(self, record: int, weights: Array) -> Sums:
         """(sum of e^2, J'J, J'e) over a recording, by its number."""
-        me = get_ident()
-        with self.changed:
-            self.requests[me] = (record, weights)
+        answer: Future[Sums] = Future()
+        with self.lock:
+            self.requests.append((record, weights, answer))
             self._serve()
-            self.changed.wait_for(lambda: me in self.answers)
-            answer = self.answers.pop(me)
-        if isinstance(answer, BaseException):
-            raise answer
-        return answer
+        return answer.result()
 
     def leave(self) -> None:
         """Take part in no further batch."""
-        with self.changed:
+        with self.lock:
             # The others may all be waiting for this thread, so that its leaving can complete a
             # batch.
             self.parties -= 1
             self._serve()
 
     def _serve(self) -> None:
-        if not self.requests or len(self.requests) < self.parties:
+        if len(self.requests) < max(self.parties, 1):
             return
         # In the order of the recordings, so that the same requests give the same batches in every
         # run.
-        for record in sorted({r for r, _ in self.requests.values()}):
-            those = [who for who, (r, _) in self.requests.items() if r == record]
+        for record in sorted({r for r, _, _ in self.requests}):
+            batch = [(weights, answer) for r, weights, answer in self.requests if r == record]
             try:
-                sums = self.engine.normal_equations(
-                    np.stack([self.requests[who][1] for who in those]),
-                    *self.records[record],
-                    self.washout,
-                )
-                self.answers.update(
-                    {
-                        who: (float(sums[0][i]), sums[1][i], sums[2][i])
-                        for i, who in enumerate(those)
-                    }
-                )
+                weights = np.stack([w for w, _ in batch])
+                sums = self.engine.normal_equations(weights, *self.records[record], self.washout)
+                for (_, answer), sse, jtj, jte in zip(batch, *sums, strict=True):
+                    answer.set_result((float(sse), jtj, jte))
             except BaseException as error:  # whatever it is, nobody may wait for ever
-                self.answers.update(dict.fromkeys(those, error))
+                for _, answer in batch:
+                    answer.set_exception(error)
         self.requests.clear()
-        self.changed.notify_all()
 
 
 def _equal_part(total: int, largest: int) -> int:

@@ -61,41 +61,22 @@ class TrainedNetwork:
     summary: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if len(self.input_names) != len(self.input_scaling.low) or len(
-            set(self.input_names)
-        ) != len(self.input_names):
+        if len(set(self.input_names)) != len(self.input_names):
             raise DataError(
                 "A trained network needs a scaling for each of its differently named inputs."
             )
-        if len(self.output_scaling.low) != 1:
-            raise DataError("A trained network has a single output and a scaling for it.")
         if not (np.isfinite(self.period_s) and self.period_s > 0.0):
             raise DataError(f"The sampling period must be positive, not {self.period_s} s.")
-        if (
-            np.shape(self.weights) != (self.network.n_weights,)
-            or not np.isfinite(self.weights).all()
-        ):
-            raise DataError(f"This network needs {self.network.n_weights} finite weights.")
         # refuses a wrong number of inputs
         self.network.simulate(self.weights, np.zeros((1, len(self.input_names))))
 
-    def predict(self, inputs: ArrayLike | Signals) -> Array:
+    def predict(self, inputs: Signals) -> Array:
         """The output (N,) in its unit, from a zero state, for inputs sampled every `period_s`.
 
-        `inputs` is an array (N, len(input_names)) in the inputs' units, or an array (N,) per input
-        name (others are ignored). DataError names a signal that is missing or of another length, or
-        a value that is not finite.
+        `inputs` holds an array (N,) per input name, in its unit (others are ignored). DataError
+        names a signal that is missing, or a value that is not finite.
         """
-        if isinstance(inputs, Mapping):
-            table = _columns(inputs, self.input_names)
-        else:
-            table = np.asarray(inputs, dtype=np.float64)
-            if table.ndim != 2 or table.shape[1] != len(self.input_names):
-                wanted = ", ".join(self.input_names)
-                raise DataError(
-                    f"The inputs have shape {table.shape}, not (N, {len(self.input_names)}): "
-                    f"{wanted}."
-                )
+        table = _columns(inputs, self.input_names)
         check_finite(table, self.input_names)
         return self.output_scaling.backward(
             self.network.simulate(self.weights, self.input_scaling.forward(table))
@@ -120,8 +101,6 @@ def train_on_signals(
     several = not isinstance(signals, Mapping)
     recordings: Sequence[Signals] = signals if several else [signals]  # type: ignore[assignment, list-item]
     outputs = [np.asarray(o, dtype=np.float64) for o in (output if several else [output])]  # type: ignore[union-attr]
-    if not recordings or not outputs:
-        raise DataError("There is no recording to train on.")
     names = tuple(recordings[0])
     tables = [_columns(recording, names) for recording in recordings]
     # The same scaling for all recordings: with a scaling each, the same input would mean something
@@ -273,11 +252,4 @@ def _columns(signals: Signals, names: Sequence[str]) -> Array:
                 f"Signal {name!r} is missing.",
                 nearest(name, signals) or f"Given: {', '.join(signals)}.",
             )
-    columns = [np.asarray(signals[name], dtype=np.float64) for name in names]
-    for name, column in zip(names, columns, strict=True):
-        if column.ndim != 1 or len(column) != len(columns[0]):
-            raise DataError(
-                f"Signal {name!r} has shape {column.shape}, but {names[0]!r} has "
-                f"{columns[0].shape}."
-            )
-    return np.column_stack(columns)
+    return np.column_stack([np.asarray(signals[name], dtype=np.float64) for name in names])

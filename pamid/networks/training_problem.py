@@ -14,7 +14,6 @@ from pamid.networks.bayes import Evidence, effective_samples, solve_damped
 from pamid.networks.checkpoints import TrainingStep
 from pamid.networks.network import Network
 from pamid.networks.root_sums import RootSums, Spectrum
-from pamid.networks.scaling import check_finite
 from pamid.networks.torch_passes import BatchQueue
 
 StepProgress = Callable[[TrainingStep, int], None]
@@ -237,23 +236,13 @@ class TrainingProblem:
 
 
 def recordings(inputs: object, target: object) -> tuple[tuple[Array, Array], ...]:
-    """A recording or several as checked pairs; DataError names recording, row and column."""
-    several = isinstance(inputs, list | tuple) and len(inputs) > 0 and np.ndim(inputs[0]) == 2
+    """A recording or several as pairs of contiguous arrays, inputs (N, m) and target (N,)."""
+    several = isinstance(inputs, list | tuple)
     us, ts = (inputs, target) if several else ([inputs], [target])
-    if len(us) != len(ts):  # type: ignore[arg-type]
-        raise DataError(f"{len(us)} recordings of inputs but {len(ts)} of targets.")  # type: ignore[arg-type]
-    pairs = []
-    for number, (u, t) in enumerate(zip(us, ts, strict=True)):  # type: ignore[call-overload]
-        u, t = np.ascontiguousarray(u, dtype=np.float64), np.ascontiguousarray(t, dtype=np.float64)
-        if u.ndim != 2 or t.shape != (len(u),):
-            raise DataError(
-                f"Recording {number}: inputs (N, m) and target (N,) expected, not {u.shape} and "
-                f"{t.shape}."
-            )
-        check_finite(u, [f"input {j}" for j in range(u.shape[1])])
-        check_finite(t[:, None], ["target"])
-        pairs.append((u, t))
-    return tuple(pairs)
+    return tuple(
+        (np.ascontiguousarray(u, dtype=np.float64), np.ascontiguousarray(t, dtype=np.float64))
+        for u, t in zip(us, ts, strict=True)  # type: ignore[call-overload]
+    )
 
 
 def check_problem(problem: TrainingProblem) -> None:

@@ -25,7 +25,7 @@ from pamid.networks.correction.identified_model import (
     load_identified,
     simulate_identified,
 )
-from pamid.networks.correction.port_network import Corrected, entry_of
+from pamid.networks.correction.port_network import entered, entry_of
 from pamid.networks.elman import Elman
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.free_runs import free_run
@@ -139,16 +139,16 @@ def test_a_network_at_a_port(made, run, port):
     u = commands_of(recording)
     Y, before = simulate_identified(model, u), simulate_identified(alone, u)
     value = trained.predict(seen_by(trained, recording, columns(alone, before)))
-    corrected = Corrected(fitted, entry_of(rig_named("one-dof"), port), bent).assembly
+    corrected = entered(fitted.assembly, entry_of(rig_named("one-dof"), port))
     p = bent.copy()
     p[corrected.index_of("inertia_kg_m2")] = 0.0896
-    entered = free_run(
+    expected = free_run(
         corrected, np.column_stack([u, value]), p, 0.003, stepping=model.stepping
     ).outputs
     seen = [model.outputs.index(c) for c in fitted.evidence.channels]
     assert np.abs(Y - before).max() > 1.0
     np.testing.assert_allclose(
-        Y[:, seen], entered, rtol=0.0, atol=1e-10 * np.ptp(entered, axis=0).max()
+        Y[:, seen], expected, rtol=0.0, atol=1e-10 * np.ptp(expected, axis=0).max()
     )
     assert model.inputs == alone.inputs == ("command", "external_torque_nm")
 

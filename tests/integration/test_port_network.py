@@ -18,10 +18,10 @@ from pamid.estimation.fit_files import fit_json, residual_csv
 from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.model.registry import rig_named
 from pamid.networks.correction.port_network import (
-    Corrected,
     Entry,
     missing_at,
     named_values,
+    replayed_with,
 )
 from pamid.recording.recording import read_recording
 from pamid.simulation.data_split import split_recordings
@@ -67,7 +67,8 @@ def test_what_is_missing_there_brings_the_model_to_its_data(place):
     before = channel_mae(list(fitted))
 
     def error(values, p=p):
-        return channel_mae(Corrected(model, entry, p).replayed(np.concatenate([values, held]))[:1])
+        added = np.concatenate([values, held])
+        return channel_mae(replayed_with(model, entry, p, added)[:1])
 
     np.testing.assert_allclose(error(0.0 * missing, model.fit.p), before, rtol=1e-9)
     assert (error(missing) < 0.25 * before).all() and error(missing)[0] < 0.1 * before[0]

@@ -261,11 +261,8 @@ def with_columns(
     names = first.split(",")
     earlier = {derived(c, "network") for c in names} - (set(others) - set(added))
     keep = [i for i, column in enumerate(names) if column not in earlier]
-    complete = len(keep) == len(names)
     lines = [header_line([*(names[i] for i in keep), *added]).rstrip("\n")]
     for line, values in zip(body, zip(*added.values(), strict=True), strict=True):
-        if not complete:
-            cells = line.split(",")
-            line = ",".join([cells[i] for i in keep])
-        lines.append(",".join([line, *(f"{value:.9g}" for value in values)]))
+        cells = line.split(",")
+        lines.append(",".join([*(cells[i] for i in keep), *(f"{value:.9g}" for value in values)]))
     return ("\n".join(lines) + "\n").encode()

@@ -295,28 +295,17 @@ def entered(a: Assembly, entry: Entry) -> Assembly:
     return replace(a, rig=rig, attachments=(*a.attachments, entry.attachment(_Added())))
 
 
-@dataclass(frozen=True)
-class Corrected:
-    """A model with a further input that is added at an entry. p: its parameters (SI)."""
-
-    model: GreyBox
-    entry: Entry
-    p: Array
-
-    @cached_property
-    def assembly(self) -> Assembly:
-        return entered(self.model.assembly, self.entry)
-
-    def replayed(self, values: Array) -> list[Replay]:
-        """Replays of all tracks with these values (SI; tracks in sequence) added."""
-        m, a, first, replays = self.model, self.assembly, 0, []
-        p, column = transferred(a, (m.assembly, self.p)), a.traced.inputs.index(ADDED)
-        for t in (*m.evidence.tracks(a), *m.evidence.tracks(a, held_out=True)):
-            u, last = t.u.copy(), first + len(t) - t.lead
-            u[t.lead :, column] = values[first:last]
-            replays.append(replay_track(a, p, replace(t, u=u), m.fit.stepping, m.evidence.noise))
-            first = last
-        return replays
+def replayed_with(model: GreyBox, entry: Entry, p: Array, values: Array) -> list[Replay]:
+    """Replays of all tracks by the model with these values (SI; tracks in sequence) added at an
+    entry. p: the model's parameters (SI)."""
+    a, e, first, replays = entered(model.assembly, entry), model.evidence, 0, []
+    p, column = transferred(a, (model.assembly, p)), a.traced.inputs.index(ADDED)
+    for t in (*e.tracks(a), *e.tracks(a, held_out=True)):
+        u, last = t.u.copy(), first + len(t) - t.lead
+        u[t.lead :, column] = values[first:last]
+        replays.append(replay_track(a, p, replace(t, u=u), model.fit.stepping, e.noise))
+        first = last
+    return replays
 
 
 def train_at_port(
@@ -360,7 +349,7 @@ def train_at_port(
             )
             at_output = None if alone.interrupted else alone
     stage("simulating with the network")
-    runs = Corrected(model, entry, p).replayed(to_si(values[rows], unit))
+    runs = replayed_with(model, entry, p, to_si(values[rows], unit))
     corrected = np.empty((len(rows), len(e.channels)))
     corrected[rows] = np.concatenate([r.model for r in runs])
     outputs = {

@@ -15,13 +15,12 @@ off.
 """
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, cast, runtime_checkable
+from typing import cast
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from pamid.base.arrays import Array
 from pamid.base.errors import DataError
@@ -29,6 +28,7 @@ from pamid.base.units import compatible, split_column, to_si, unit
 from pamid.engine.symbolic.derivative import gradients
 from pamid.engine.symbolic.expression import substitute, symbol
 from pamid.engine.symbolic.vocabulary import ZERO, Expr, clip
+from pamid.networks.anfis import Anfis
 from pamid.networks.trained_network import TrainedNetwork, load_network
 
 CHECKED_POINTS = 121  # per input, of the grid on which a law is checked
@@ -37,14 +37,6 @@ CHECKED_BEYOND = 0.2
 MONOTONE_TOLERANCE = 5e-3  # of the trained range of forces: what a law may move the wrong way
 # scaled; along it, towards the inside, the check takes the tangent plane by a difference
 NUDGE = 1e-4
-
-
-@runtime_checkable
-class Static(Protocol):
-    """A network without memory that can be written out as an equation of its scaled inputs."""
-
-    def simulate(self, weights: ArrayLike, inputs: ArrayLike) -> Array: ...
-    def expression(self, weights: ArrayLike, inputs: Sequence[Expr]) -> Expr: ...
 
 
 @dataclass(frozen=True)
@@ -62,7 +54,7 @@ class ForceLaw:
         ]
         held = [clip(x, -1.0, 1.0) for x in scaled]
         inside = [symbol("state", f"input {k}") for k in range(len(scaled))]
-        output = cast(Static, self.trained.network).expression(self.trained.weights, inside)
+        output = cast(Anfis, self.trained.network).expression(self.trained.weights, inside)
         slopes = gradients([output])[0]
         total, *tangent = substitute(
             [output, *(slopes.get(x, ZERO) for x in inside)], dict(zip(inside, held, strict=True))
@@ -183,10 +175,9 @@ def _order(trained: TrainedNetwork) -> list[str]:
             f"{trained.output_name!r} from {', '.join(trained.input_names)}.",
             "Name the signals with their units: contraction, pressure_kpa; force_n.",
         )
-    if not isinstance(trained.network, Static):
+    if not isinstance(trained.network, Anfis):
         raise DataError(
-            f"A network of kind {getattr(trained.network, 'kind', '?')!r} has memory and is no "
-            "static force law.",
+            f"A network of kind {trained.network.kind!r} has memory and is no static force law.",
             "Train an anfis.",
         )
     return order
