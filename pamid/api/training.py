@@ -17,6 +17,7 @@ from pamid.base.run_folder import FIT_FILE, NETWORK_FILE, RESIDUAL_FILE, Run
 from pamid.model.registry import resolved_rig
 from pamid.networks.correction.output_network import (
     CHECKPOINT_FILE,
+    Correction,
     NetworkChoice,
     train_correction,
     write_correction,
@@ -25,7 +26,6 @@ from pamid.networks.correction.port_network import (
     entry_of,
     origin_of,
     train_at_port,
-    write_port_correction,
 )
 from pamid.networks.correction.residual_data import (
     CAUSES,
@@ -47,8 +47,7 @@ if TYPE_CHECKING:
 
 EVIDENCE = ("every-sample", "independent-samples")
 USUAL_ITERATIONS = 1000
-#: trains and writes; network.json, and whether it was interrupted
-Trainer = Callable[[Run, ResidualData, Progress, TrainingOptions], tuple[dict[str, Any], bool]]
+Trainer = Callable[[ResidualData, Progress, TrainingOptions], Correction]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,8 +150,7 @@ def train_residual(arguments: TrainingArguments) -> NetworkResult:
     )
     try:
         with progress_steps(a.progress, "train-residual", iterations) as (show, count):
-            about, interrupted = trained(
-                run,
+            correction = trained(
                 residual,
                 show,
                 TrainingOptions(
@@ -169,11 +167,12 @@ def train_residual(arguments: TrainingArguments) -> NetworkResult:
                     progress=_steps(count, a.starts),
                 ),
             )
+            about = write_correction(run, correction)
     except (PamidError, KeyboardInterrupt) as error:
         run.finish("failed" if isinstance(error, PamidError) else "interrupted")
         raise
-    run.finish("interrupted" if interrupted else "done")
-    return _result(source, about, interrupted, iterations)
+    run.finish("interrupted" if correction.interrupted else "done")
+    return _result(source, about, correction.interrupted, iterations)
 
 
 def most_iterations(arguments: TrainingArguments) -> int:
@@ -209,23 +208,12 @@ def _trainer(arguments: TrainingArguments, source: OpenedRun, wanted: NetworkCho
         if rig is not None:
             raise UsageError("--rig belongs to --port PORT: at the output no rig is needed.")
 
-        def at_output(
-            run: Run, residual: ResidualData, _: Progress, options: TrainingOptions
-        ) -> tuple[dict[str, Any], bool]:
-            correction = train_correction(residual, wanted, options)
-            return write_correction(run, correction), correction.interrupted
-
-        return at_output
+        return lambda residual, _, options: train_correction(residual, wanted, options)
     origin = origin_of(source.folder, source.code[0] if rig is None else rig, arguments.on)
     entry = entry_of(origin.evidence.rig, arguments.at)
-
-    def at_port(
-        run: Run, residual: ResidualData, show: Progress, options: TrainingOptions
-    ) -> tuple[dict[str, Any], bool]:
-        correction = train_at_port(residual, origin.model(), entry, wanted, options, show)
-        return write_port_correction(run, correction), correction.interrupted
-
-    return at_port
+    return lambda residual, show, options: train_at_port(
+        residual, origin.model(), entry, wanted, options, show
+    )
 
 
 def _steps(count: Callable[[int, str], object], starts: int) -> Callable[[TrainingStep, int], None]:

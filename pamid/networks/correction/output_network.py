@@ -84,22 +84,26 @@ class NetworkChoice:
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """A trained network and its correction of the model over every row of residual.csv (0 outside
-    its stretches).
+    """A trained network, and what becomes of the channels that it corrects.
 
-    mae: refitted, with_cause (of a network trained on the model with the causes) and with_network
-    on the held-out part, and all again `_after_1_s` of every stretch; channel's unit.
+    enters: "output", or {"port": name}; target: what it was trained on, in words; outputs:
+    corrected channels over every row of residual.csv, in their units; mae: of every channel on the
+    held-out part, refitted, with_cause (of a network trained on the model with the causes) and
+    with_network, at a port with_output_network, too, and all again `_after_1_s` of every stretch;
+    parameters: at a port those of the corrected model that were fitted, by name in its unit;
+    interrupted: the training was, or that of the network it is compared with.
     """
 
     residual: ResidualData
     trained: TrainedNetwork
     training: Training
-    values: Array
-    mae: dict[str, float]
-
-    @property
-    def interrupted(self) -> bool:
-        return self.training.why == "interrupted"
+    enters: str | dict[str, str]
+    target: str
+    outputs: dict[str, Array]
+    mae: dict[str, dict[str, float]]
+    notes: tuple[str, ...]
+    interrupted: bool
+    parameters: dict[str, float] | None = None
 
 
 def train_correction(
@@ -110,9 +114,20 @@ def train_correction(
     """Train on part 0, judge on part 1; errors as in `train_network`."""
     channel = residual.channel
     trained, training, values = train_network(residual, channel, residual.target, wanted, options)
+    # outside the stretches the model stays as it is
     corrected = residual.columns[residual.modelled] + values
     errors = held_out_mae(residual, channel, **residual.models(channel), with_network=corrected)
-    return Correction(residual, trained, training, values, errors)
+    return Correction(
+        residual,
+        trained,
+        training,
+        "output",
+        f"measured {channel} - {residual.model_words}",
+        {channel: corrected},
+        {channel: errors},
+        residual.notes,
+        interrupted=training.why == "interrupted",
+    )
 
 
 def train_network(
@@ -177,49 +192,33 @@ def held_out_mae(residual: ResidualData, channel: str, **models: Array) -> dict[
 
 
 def write_correction(run: Run, correction: Correction) -> dict[str, Any]:
-    """network.npz, network.json, trace.csv and the network's column of residual.csv; returns
-    network.json."""
-    network = correction.residual
-    about = {
-        "enters": "output",
-        "model": network.model,
-        "on": network.on,
-        "target": f"measured {network.channel} - {network.model_words}",
-        "mae": {network.channel: {**correction.mae, "part": "held-out"}},
-        "notes": list(network.notes),
+    """network.npz, network.json, trace.csv and the corrected channels in residual.csv; returns
+    network.json. An earlier network of another channel is kept next to it."""
+    c = correction
+    about: dict[str, Any] = {
+        "enters": c.enters,
+        "model": c.residual.model,
+        "on": c.residual.on,
+        "target": c.target,
+        "mae": {channel: {**mae, "part": "held-out"} for channel, mae in c.mae.items()},
+        "notes": list(c.notes),
     }
-    return write_network(
-        run,
-        correction.trained,
-        correction.training,
-        about,
-        {network.channel: network.columns[network.modelled] + correction.values},
-    )
-
-
-def write_network(
-    run: Run,
-    trained: TrainedNetwork,
-    training: Training,
-    about: dict[str, Any],
-    corrected: dict[str, Array],
-) -> dict[str, Any]:
-    """network.npz, network.json with `about` in it, trace.csv and the corrected channels (rows,) in
-    residual.csv; returns network.json. An earlier network of another channel is kept next to it."""
-    others = keep_others(run, about, trained.output_name)
+    if c.parameters is not None:
+        about["parameters"] = c.parameters
+    others = keep_others(run, c.enters, c.trained.output_name)
     stale = set(channel_networks(run.folder)) - others
     weights, network, trace, residual = run.claim(
         WEIGHTS_FILE, NETWORK_FILE, TRACE_FILE, RESIDUAL_FILE
     )
-    weights_data, content = network_files(trained, **about)
+    weights_data, content = network_files(c.trained, **about)
     write_together(
         {
             weights: weights_data,
             network: json_bytes(content, NETWORK_FILE),
-            trace: trace_csv(training),
+            trace: trace_csv(c.training),
             residual: with_columns(
                 residual,
-                {derived(channel, "network"): values for channel, values in corrected.items()},
+                {derived(channel, "network"): values for channel, values in c.outputs.items()},
                 {derived(channel, "network") for channel in others},
             ),
         }
@@ -228,7 +227,7 @@ def write_network(
     return content
 
 
-def keep_others(run: Run, about: dict[str, Any], channel: str) -> set[str]:
+def keep_others(run: Run, enters: str | dict[str, str], channel: str) -> set[str]:
     """Copy the run's network before the network of `channel` is written, and return the
     channels whose networks stay: those at the output. A network inside the equations moves every
     channel, and stays alone; what cannot be read is not kept."""
@@ -237,7 +236,7 @@ def keep_others(run: Run, about: dict[str, Any], channel: str) -> set[str]:
             return set()
         earlier = read_json(run.folder / NETWORK_FILE)
         at_output = isinstance(earlier, dict) and earlier.get("enters") == "output"
-        if not at_output or about["enters"] != "output":
+        if not at_output or enters != "output":
             return set()
         before = load_network(run.folder).output_name
         others = {*channel_networks(run.folder), before} - {channel}

@@ -55,12 +55,9 @@ from pamid.networks.correction.output_network import (
     held_out_mae,
     train_correction,
     train_network,
-    write_network,
 )
 from pamid.networks.correction.residual_data import CAUSES, REFIT, ResidualData
 from pamid.networks.correction.stored_model import in_form, stored_model
-from pamid.networks.network_training import Training
-from pamid.networks.trained_network import TrainedNetwork
 from pamid.networks.training_problem import TrainingOptions
 from pamid.recording.recording import read_recording
 from pamid.simulation.data_split import DataSplit, split_recordings
@@ -102,32 +99,6 @@ def entry_of(rig: Rig, name: str) -> Entry:
         f"{'several such ports' if several else 'no such port'}.",
         hint or f"Give output or any of {', '.join(entries)}.",
     )
-
-
-@dataclass(frozen=True, eq=False)
-class PortCorrection:
-    """A network for what is missing at a port, and what becomes of every channel (rows of
-    residual.csv).
-
-    parameters: those of the corrected model that were fitted, by name in its unit; outputs:
-    corrected channels in their units; at_output: the same network at the output, None where it
-    was interrupted; mae: by channel, refitted, with_network, and with_output_network where that
-    acts.
-    """
-
-    entry: Entry
-    parameters: dict[str, float]
-    residual: ResidualData
-    trained: TrainedNetwork
-    training: Training
-    at_output: Correction | None
-    outputs: dict[str, Array]
-    mae: dict[str, dict[str, float]]
-    notes: tuple[str, ...]
-
-    @property
-    def interrupted(self) -> bool:
-        return self.training.why == "interrupted" or self.at_output is None
 
 
 # ---- the model of a run ------------------------------------------------------------------------
@@ -315,7 +286,7 @@ def train_at_port(
     wanted: NetworkChoice = NetworkChoice(),  # noqa: B008 (frozen)
     options: TrainingOptions = TrainingOptions(),  # noqa: B008 (frozen)
     stage: Progress = silent,
-) -> PortCorrection:
+) -> Correction:
     """Train on what is missing at the entry over the fitted part, judge on the held-out windows;
     for comparison the same network, trained alike, on the residual of the channel. Errors as in
     `train_network`; FileError where residual.csv is not of this model."""
@@ -363,16 +334,23 @@ def train_at_port(
             "they count as zero.",
         )
     )
-    return PortCorrection(
-        entry,
-        named_values(model, p),
+    errors = {}
+    for channel, replayed in outputs.items():
+        models = residual.models(channel) | {"with_network": replayed}
+        if at_output is not None and channel == residual.channel:
+            models["with_output_network"] = at_output.outputs[channel]
+        errors[channel] = held_out_mae(residual, channel, **models)
+    return Correction(
         residual,
         trained,
         training,
-        at_output,
+        {"port": entry.name},
+        f"what is missing at {entry.name} of {residual.model_words}",
         outputs,
-        _compared(residual, outputs, at_output),
+        errors,
         (*residual.notes, *notes),
+        interrupted=at_output is None,
+        parameters=named_values(model, p),
     )
 
 
@@ -394,32 +372,3 @@ def named_values(model: GreyBox, p: Array) -> dict[str, float]:
     """Parameters that were fitted, by the name that `Assembly.values` takes, in the name's unit."""
     bounds = [(i, model.assembly.parameters[i]) for i in model.fit.problem.free]
     return {b.full_name: float(p[i] / b.factor) for i, b in bounds}
-
-
-def _compared(
-    residual: ResidualData, outputs: dict[str, Array], at_output: Correction | None
-) -> dict[str, dict[str, float]]:
-    """Held-out MAE of every channel by the model and the corrected ones."""
-    errors = {}
-    for channel, corrected in outputs.items():
-        models = residual.models(channel) | {"with_network": corrected}
-        if at_output is not None and channel == residual.channel:
-            models["with_output_network"] = residual.columns[residual.modelled] + at_output.values
-        errors[channel] = held_out_mae(residual, channel, **models)
-    return errors
-
-
-def write_port_correction(run: Run, correction: PortCorrection) -> dict[str, Any]:
-    """network.npz, network.json, trace.csv and every corrected channel in residual.csv; returns
-    network.json."""
-    about = {
-        "enters": {"port": correction.entry.name},
-        "model": correction.residual.model,
-        "on": correction.residual.on,
-        "target": f"what is missing at {correction.entry.name} of "
-        f"{correction.residual.model_words}",
-        "parameters": correction.parameters,
-        "mae": {c: {**mae, "part": "held-out"} for c, mae in correction.mae.items()},
-        "notes": list(correction.notes),
-    }
-    return write_network(run, correction.trained, correction.training, about, correction.outputs)

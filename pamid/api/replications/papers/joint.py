@@ -247,7 +247,7 @@ def train_elman(
         raise KeyboardInterrupt
     tests = _rows([records.training, *records.steps.values()])[1:]
     angles: dict[str, Array | None] = {
-        case: records.analytic[case][derived(ANGLE_COLUMN, "loop")] + correction.values[rows]
+        case: correction.outputs[ANGLE_COLUMN][rows]
         for case, rows in zip(records.steps, tests, strict=True)
     }
     return records.row(ELMAN, angles, time.perf_counter() - begun), correction
