@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pamid.base.arrays import Array
-from pamid.base.csv_table import header_line
+from pamid.base.csv_table import table_bytes
 from pamid.base.errors import DataError, FileError, PamidError, nearest
 from pamid.base.files import WEIGHTS, read_data, write_together
 from pamid.base.json_file import json_bytes, read_json
@@ -127,16 +127,9 @@ def train_on_signals(
 
 def trace_csv(training: Training) -> bytes:
     """Bytes of trace.csv: a header, a row per accepted step, numbers in full precision."""
-    rows = [header_line(list(training.trace)).rstrip("\n")]
-    for values in zip(*training.trace.values(), strict=True):
-        pairs = zip(training.trace, values, strict=True)
-        rows.append(
-            ",".join(
-                str(int(v)) if name in ("iteration", "trials") else repr(float(v))
-                for name, v in pairs
-            )
-        )
-    return ("\n".join(rows) + "\n").encode()
+    names = list(training.trace)
+    formats = ["%d" if name in ("iteration", "trials") else "%r" for name in names]
+    return table_bytes(names, np.column_stack(list(training.trace.values())), formats)
 
 
 def save_network(folder: Path | str, trained: TrainedNetwork) -> None:

@@ -90,8 +90,7 @@ class ForceSizes:
     stick_peak: float = 0.0
     stick_speed: float = 1.0
     grease: float = 0.0  # damping that thins with speed
-    damping_forward: float = 0.0
-    damping_backward: float = 0.0
+    damping_forward: float = 0.0  # in one direction alone
     square_drag: float = 0.0  # at the usual speed, with its power of 1.9
     steep_drag: float = 0.0  # hyperbolic
     harden: float = 0.0  # a spring that hardens, then is straight
@@ -116,7 +115,6 @@ class SpringSizes:
 
     outboard: float = 0.0
     outboard_hz: float = 10.0
-    outboard_ratio: float = 0.03
     play: float = 0.0
 
 

@@ -17,6 +17,7 @@ from pamid.base.arrays import Array
 from pamid.engine.numba_cache import njit
 
 BUNDLE = 16  # elements of a bundle
+OUTBOARD_RATIO = 0.03  # damping ratio of what hangs behind a spring
 BRISTLE, LOOP, PLASTIC, ROUND = range(4)
 SPREAD = ROUND + BUNDLE
 FORCE_MEMORY = SPREAD + BUNDLE  # of the forces at a port
@@ -153,7 +154,7 @@ def resisted(
     normal load, and the level of a current or pressure."""
     force = bristles(v, pressed[0], pressed[1], z, f, h)
     force += f.grease * v / (1.0 + 0.2 * abs(v) / f.speed)
-    force += (f.damping_forward if v > 0.0 else f.damping_backward) * v
+    force += f.damping_forward * max(v, 0.0)
     force += f.square_drag * np.sign(v) * (abs(v) / f.speed) ** 1.9
     bent = 2.0 * v / f.speed
     force += f.steep_drag * (np.sinh(min(max(bent, -8.0), 8.0)) - bent)
@@ -203,7 +204,7 @@ def turned(
         beyond = twist - min(max(twist, -link.play), link.play)
         pull = load * swing * swing * beyond * (1.0 + (beyond / 0.3) ** 2)
         if beyond != 0.0:
-            pull += 2.0 * link.outboard_ratio * load * swing * (speed - x[3])
+            pull += 2.0 * OUTBOARD_RATIO * load * swing * (speed - x[3])
         push -= pull
         x[3] += h * pull / load
         x[2] += h * x[3]

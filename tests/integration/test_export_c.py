@@ -91,14 +91,15 @@ def test_parameters_are_changed_from_outside(tmp_path):
     lower = model.knowing({"initial_pressure_kpa": 400.0})
     u, memory = np.tile([0.3, 0.0], (201, 1)), None
     run = {"period_s": model.period_s, "stepping": model.stepping}
-    memory = lower.program.memory(lower.start, **run)
+    program = lower.program_with({})
+    memory = program.memory(lower.start, **run)
     begun = SampledInputs(u[:200], model.period_s)
-    lower.program.run(memory, begun, lower.values, stepping=model.stepping)
+    program.run(memory, begun, lower.values, stepping=model.stepping)
     then = replace(begun, time_s=0.6)
     aside = memory.copy()
     heavy = lower.knowing({"inertia_kg_m2": 0.5})
-    first = lower.program.run(memory, then, heavy.values, stepping=model.stepping)[0][[0, -1], 0]
-    second = lower.program.run(aside, then, lower.values, stepping=model.stepping)[0][-1, 0]
+    first = program.run(memory, then, heavy.values, stepping=model.stepping)[0][[0, -1], 0]
+    second = program.run(aside, then, lower.values, stepping=model.stepping)[0][-1, 0]
     assert np.allclose(np.array(done, float), np.degrees([*first, second]), rtol=1e-11, atol=0.0)
     assert abs(first[1] - second) > 1e-3
 

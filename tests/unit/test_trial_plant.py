@@ -76,7 +76,7 @@ def change(one: dict[str, Any], other: dict[str, Any]) -> np.ndarray:
 def force_map(specimen: Specimen, muscle: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Contraction, gauge pressure and static force over the working range."""
     chi, pressure = np.meshgrid(np.linspace(0.0, 0.2, 41), np.linspace(1e5, 6e5, 26))
-    m, f = one_dof.machine_record(specimen), packed(**asdict(Planted()))
+    m, f = one_dof.machine_record(specimen, one_dof.RADIUS), packed(**asdict(Planted()))
     force = [
         static_pull(muscle, c, p, m, f, specimen.waves, 0.0)
         for c, p in zip(chi.flat, pressure.flat, strict=True)

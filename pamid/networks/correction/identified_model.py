@@ -196,31 +196,20 @@ class Identified:
             values |= {f"{UNCORRECTED}{key}": value for key, value in uncorrected}
         return values
 
-    @cached_property
-    def program(self) -> Executable:
-        return self.program_with({})
-
     def program_with(self, extra: Mapping[str, Expr]) -> Executable:
         """Compiled, with further outputs behind the model's."""
-        e, names = self.equations, (*self.outputs, *extra)
-        known = {**e.outputs, **extra}
-        outputs = {name: known[name] for name in names}
+        e = self.equations
+        outputs = {**e.outputs, **extra}
         return program_of(self.assembly.rig, e, outputs, tuple(self.constants), frozenset())
 
     def knowing(self, known: Mapping[str, float]) -> Identified:
         """The same model with other known values of these parameters (outside names and units)."""
-
-        company = self.uncorrected
-        if company is not None:
-            company = company[0], company[0].with_known(company[1], known)
+        uncorrected = self.uncorrected
+        if uncorrected is not None:
+            assembly, values = uncorrected
+            uncorrected = assembly, assembly.with_known(values, known)
         return replace(
-            self, values=self.assembly.with_known(self.values, known), uncorrected=company
-        )
-
-    def closed(self, controller: Mapping[str, float]) -> Identified:
-        """The same model with this controller in its loop: references in the place of commands."""
-        return replace(
-            self, assembly=replace(self.assembly, controller=tuple(sorted(controller.items())))
+            self, values=self.assembly.with_known(self.values, known), uncorrected=uncorrected
         )
 
 
@@ -279,7 +268,9 @@ def record_identified(
     known = {**excitation.known, **(known or {})}
     model, closed = model.knowing(known), in_its_loop(rig, excitation)
     settings = {**rig.controller, **model.controller, **excitation.controller} if closed else {}
-    model = model.closed(settings) if closed else model
+    if closed:  # references in the place of commands
+        controller = tuple(sorted(settings.items()))
+        model = replace(model, assembly=replace(model.assembly, controller=controller))
     jitter = sensor_noise(model.assembly, n, noise, seed)
     u = noisy_inputs(
         data_of(rig, excitation).inputs(model.assembly, model.inputs), model.inputs, jitter

@@ -31,8 +31,9 @@ JOINT_CONTROLLER = {
     "derivative_filter_s": 0.006,
     "command_limit": 1.0,
 }
+RADIUS = 0.030  # m, of the wheel
 # m, absolute Pa
-KNOWN = {"radius": 0.030, "length": 0.250, "supply_pressure": 701325.0, "hold_pressure": 651325.0}
+KNOWN = {"length": 0.250, "supply_pressure": 701325.0, "hold_pressure": 651325.0}
 # of an angle, a contraction, a pressure and a force: SI at factor 1, and SI to column
 NOISE = (float(np.radians(0.05)), 2e-4, 1e3, 3.0)
 TO_COLUMN = (180.0 / np.pi, 1.0, 1e-3, 1.0)
@@ -191,12 +192,12 @@ def draw_waves(random: np.random.Generator, rms: float) -> Array:
     return waves
 
 
-def machine_record(specimen: Specimen, radius: float = KNOWN["radius"]) -> Any:
+def machine_record(specimen: Specimen, radius: float) -> Any:
     """The machine's constants as compiled code reads them; radius: of the wheel, m."""
     record = {
         f.name: float(getattr(specimen, f.name)) for f in fields(specimen) if f.name != "waves"
     }
-    return packed(**record, **{**KNOWN, "radius": radius})
+    return packed(**record, **KNOWN, radius=radius)
 
 
 def record(
@@ -208,14 +209,13 @@ def record(
 ) -> dict[str, Array]:
     """Simulate the recording of this machine with these faults (name -> sizes, as `Fault.draw`
     gives them), as `record_muscles` does."""
-    from pamid.trial.arm_kernel import (
-        advance_joint,  # compiling takes seconds: only who records pays
-    )
+    # compiling takes seconds: only who records pays
+    from pamid.trial.arm_kernel import advance_joint
 
     f = planted(faults)
-    f_2 = replace(f, pressure_zero_pa=0.9 * f.pressure_zero_pa)
+    f_2 = replace(f, pressure_zero_pa=0.9 * f.pressure_zero_pa)  # of the second muscle
     mechanism = advance_joint, packed(inertia=inertia_kg_m2, viscous=specimen.viscous)
-    joints, acting = [(specimen, KNOWN["radius"])], (faults, (f, f_2, f, f))
+    joints, acting = [(specimen, RADIUS)], (faults, (f, f_2, f, f))
     return record_muscles(JOINT_LAYOUT, mechanism, joints, acting, excitation, readout)
 
 

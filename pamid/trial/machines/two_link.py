@@ -164,7 +164,8 @@ def record_arm(
 ) -> dict[str, Array]:
     """Simulate the recording of this arm with these faults (fault@place -> sizes), on references or
     commands of shape (samples, 2), as `record_muscles` does."""
-    from pamid.trial.arm_kernel import advance_arm  # compiling takes seconds: only who records pays
+    # compiling takes seconds: only who records pays
+    from pamid.trial.arm_kernel import advance_arm
 
     mechanism = advance_arm, arm.body(payload_kg)
     joints = list(zip(arm.joints, RADII, strict=True))
