@@ -178,34 +178,18 @@ class Anfis(Network):
 
     def simulate(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
         """Output y (N,) for inputs (N, m); each sample by itself."""
-        sets, consequents, u = (
-            self.membership(weights),
-            self.consequents(weights),
-            self.table(inputs),
-        )
-        y = np.empty(len(u))
-        # wild trial weights may overflow: the caller judges the outcome
+        consequents, y = self.consequents(weights), np.empty(len(np.asarray(inputs)))
         with np.errstate(all="ignore"):
-            for start in range(0, len(u), CHUNK):
-                # Samples run along the last axis, so that every operation on a set is a
-                # contiguous vector.
-                x = np.ascontiguousarray(u[start : start + CHUNK].T)
-                firing = self._firing([self._shares(sets, k, x[k])[0] for k in range(self.inputs)])
-                y[start : start + CHUNK] = np.sum(
-                    firing * self._rule_outputs(consequents, x), axis=0
-                )
+            for rows, x, _, firing in self._fired(weights, inputs):
+                y[rows] = np.sum(firing * self._rule_outputs(consequents, x), axis=0)
         return y
 
     def features(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
         """dy/d(consequents) (N, rules (m + 1)); depends on the premises only."""
-        sets, u = self.membership(weights), self.table(inputs)
-        rows = np.empty((self.rules, self.inputs + 1, len(u)))
-        with np.errstate(all="ignore"):
-            for start in range(0, len(u), CHUNK):
-                x = np.ascontiguousarray(u[start : start + CHUNK].T)
-                firing = self._firing([self._shares(sets, k, x[k])[0] for k in range(self.inputs)])
-                self._fill(rows[:, :, start : start + CHUNK], firing, x)
-        return rows.reshape(-1, len(u)).T
+        columns = np.empty((self.rules, self.inputs + 1, len(np.asarray(inputs))))
+        for rows, x, _, firing in self._fired(weights, inputs):
+            self._fill(columns[:, :, rows], firing, x)
+        return columns.reshape(-1, columns.shape[2]).T
 
     def expression(self, weights: ArrayLike, inputs: Sequence[Expr]) -> Expr:
         """The output as an equation of the inputs, to be held within [-1, 1]: no sum of memberships
@@ -266,17 +250,10 @@ class Anfis(Network):
 
     def sweep(self, weights: ArrayLike, inputs: ArrayLike) -> Iterator[Rows]:
         """(first sample, y (n,), dy/dw (n, n_weights)) chunk by chunk, exact."""
-        sets, consequents, u = (
-            self.membership(weights),
-            self.consequents(weights),
-            self.table(inputs),
-        )
-        for start in range(0, len(u), CHUNK):
-            x = np.ascontiguousarray(u[start : start + CHUNK].T)
+        consequents = self.consequents(weights)
+        for rows, x, known, firing in self._fired(weights, inputs):
             n = x.shape[1]
             with np.errstate(all="ignore"):
-                known = [self._shares(sets, k, x[k]) for k in range(self.inputs)]
-                firing = self._firing([shares for shares, _ in known])
                 parts = firing * self._rule_outputs(consequents, x)
                 y = parts.sum(axis=0)
                 jacobian = np.empty((self.n_weights, n))
@@ -293,7 +270,26 @@ class Anfis(Network):
                 self._fill(
                     jacobian[self.premises :].reshape(self.rules, self.inputs + 1, n), firing, x
                 )
-            yield start, y, jacobian.T
+            yield rows.start, y, jacobian.T
+
+    def _fired(
+        self, weights: ArrayLike, inputs: ArrayLike
+    ) -> Iterator[tuple[slice, Array, list[tuple[Array, Array]], Array]]:
+        """Chunk by chunk its samples, their inputs (m, n), the memberships of each input as of
+        `_shares`, and the firing of the rules (rules, n), the last input's set running fastest."""
+        sets, u = self.membership(weights), self.table(inputs)
+        for start in range(0, len(u), CHUNK):
+            # Samples run along the last axis, so that every operation on a set is a contiguous
+            # vector.
+            x = np.ascontiguousarray(u[start : start + CHUNK].T)
+            # wild trial weights may overflow: the caller judges the outcome
+            with np.errstate(all="ignore"):
+                known = [self._shares(sets, k, x[k]) for k in range(self.inputs)]
+                firing = reduce(
+                    lambda a, b: (a[:, None, :] * b).reshape(-1, b.shape[1]),
+                    [shares for shares, _ in known],
+                )
+            yield slice(start, start + x.shape[1]), x, known, firing
 
     def _shares(self, sets: Sets, k: int, x: Array) -> tuple[Array, Array]:
         """Normalised memberships of input k (sets, n), d log membership/d weight (sets, 2, n)."""
@@ -306,11 +302,6 @@ class Anfis(Network):
         # the softmax does not change with a constant: the largest is made exp(0)
         shares = np.exp(log_member - log_member.max(axis=0))
         return shares / shares.sum(axis=0), slopes
-
-    def _firing(self, shares: Sequence[Array]) -> Array:
-        """(rules, n), the last input's set running fastest."""
-        n = shares[0].shape[1]
-        return reduce(lambda a, b: (a[:, None, :] * b).reshape(-1, n), shares)
 
     def _fill(self, rows: Array, firing: Array, x: Array) -> None:
         """Write dy/d(consequents) for x (m, n) into rows (rules, m + 1, n): firing, and firing

@@ -9,7 +9,7 @@ the rig, the effects or the engine.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -170,12 +170,14 @@ class StarterMachine:
         )
 
     def planted(self, faults: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
-        """Faults at every place, with the sizes by fault. UsageError for two that set the same
-        size."""
+        """Faults at every place, with the sizes by fault: a size counts at the port of its fault,
+        or wherever else there is such a size. UsageError for two that set the same size."""
         places, occupied = {**self.ports, CLOCK: ClockSizes()}, set()
         for name, sizes in faults.items():
             for key, value in sizes.items():
-                place = self._place(self.faults[name], key)
+                having = [p for p, there in places.items() if hasattr(there, key)]
+                port = self.faults[name].port
+                place = port if port in having else having[-1]
                 if (place, key) in occupied:
                     raise UsageError(
                         f"Fault {name!r} sets {key!r}, which another fault has set.",
@@ -184,12 +186,6 @@ class StarterMachine:
                 occupied.add((place, key))
                 places[place] = replace(places[place], **{key: float(value)})
         return places
-
-    def _place(self, fault: Fault, key: str) -> str:
-        """Where a size of a fault counts: at its port, or wherever else there is such a size."""
-        places = {**self.ports, CLOCK: ClockSizes()}
-        having = [p for p, there in places.items() if key in {f.name for f in fields(there)}]
-        return fault.port if fault.port in having else having[-1]
 
     def record(
         self,
