@@ -112,7 +112,7 @@ def network_onnx_bytes(trained: TrainedNetwork) -> tuple[bytes, bytes]:
 @pytest.mark.parametrize("network", NETWORKS, ids=repr)
 def test_a_network(network, signals):
     trained = random_network(network, LOOP, "angle_deg", 2.0)
-    wanted = trained.predict(signals)[:, None]
+    wanted = trained.predict(dict(zip(LOOP, signals.T, strict=True)))[:, None]
     run, cell = network_onnx_bytes(trained)
     first, between = run_whole(run, signals[:41])
     rest, _ = run_whole(run, signals[41:], between)  # a run may be cut anywhere
