@@ -36,9 +36,10 @@ CLOCK_TERMS = ":drift"  # background terms counted from a recording's beginning
 
 @dataclass(frozen=True, eq=False)
 class EarlierPosterior:
-    """Posterior of an earlier fit, from the fit.json at path. value (k,), covariance (k, k) and
-    gradient at bounds (k,) in spreads (k,) around centre (k,), by key; others: the rig's other
-    parameters as they were in it (SI).
+    """Posterior of an earlier fit, from the fit.json at path.
+
+    stated: value, and gradient at bounds, of the k parameters in spreads around their centres, by
+    key, and the rig's other parameters as they were in it (SI); covariance (k, k): whole.
 
     fitted: sha256 of all recordings it rests on; ridges: groups of parameters known only in
     combination, none of which the rig declares.
@@ -47,14 +48,8 @@ class EarlierPosterior:
     path: Path
     sha256: str
     rig: str
-    keys: tuple[str, ...]
-    log: tuple[bool, ...]
-    centre: Array
-    spread: Array
-    value: Array
-    held: Array
+    stated: result.Posterior
     covariance: Array
-    others: dict[str, float]
     fitted: frozenset[str]
     ridges: tuple[tuple[str, ...], ...]
 
@@ -63,7 +58,11 @@ class EarlierPosterior:
         their data sheet alone."""
         scale, places = problem.scale, self._places(problem)
         places_now, there = [k for k, _ in places], [i for _, i in places]
-        stretch = self.spread[there] / scale.spread[places_now]
+        stated = self.stated
+        centre, spread, value = (
+            np.array(x, np.float64)[there] for x in (stated.centre, stated.spread, stated.value)
+        )
+        stretch = spread / scale.spread[places_now]
         size = len(problem.free)
         at, gradient, information = np.zeros(size), np.zeros(size), np.zeros((size, size))
         precision = np.linalg.inv(self.covariance[np.ix_(there, there)])
@@ -71,11 +70,10 @@ class EarlierPosterior:
         # which is zero but for parameters at a bound: the recordings' part is held - value, as
         # their information is C^-1 - I. Parameters that are not carried over are marginalised: C
         # loses their rows, and the gradient becomes C_carried^-1 (C held)_carried.
-        slope = precision @ (self.covariance @ self.held)[there]
-        at[places_now] = (self.centre[there] - scale.centre[places_now]) / scale.spread[
-            places_now
-        ] + self.value[there] * stretch
-        gradient[places_now] = (slope - self.value[there]) / stretch
+        slope = precision @ (self.covariance @ np.array(stated.held, np.float64))[there]
+        moved = (centre - scale.centre[places_now]) / scale.spread[places_now]
+        at[places_now] = moved + value * stretch
+        gradient[places_now] = (slope - value) / stretch
         information[np.ix_(places_now, places_now)] = (
             precision - np.eye(len(places_now))
         ) / np.outer(stretch, stretch)
@@ -90,7 +88,7 @@ class EarlierPosterior:
     def _values(self, problem: Problem, at: Array) -> Array:
         """All parameters (SI) of the problem as they were in the earlier fit."""
         p, keys = problem.assembly.values(), problem.assembly.keys
-        for key, value in self.others.items():
+        for key, value in self.stated.others.items():
             if key in keys:
                 p[keys[key]] = value
         p[list(problem.free)] = problem.scale.outside(at)
@@ -100,10 +98,10 @@ class EarlierPosterior:
         """(place among the problem's free parameters, place here) of everything that is carried
         over."""
         keys = [problem.assembly.parameters[i].key for i in problem.free]
-        where = {key: i for i, key in enumerate(self.keys) if not key.endswith(CLOCK_TERMS)}
+        where = {key: i for i, key in enumerate(self.stated.keys) if not key.endswith(CLOCK_TERMS)}
         places = [(k, where[key]) for k, key in enumerate(keys) if key in where]
         for k, i in places:
-            if self.log[i] != bool(problem.scale.log[k]):
+            if self.stated.log[i] != bool(problem.scale.log[k]):
                 raise FileError(
                     f"{self.path}: the prior of {keys[k]!r} is logarithmic in only one of "
                     "that fit and the rig.",
@@ -113,12 +111,12 @@ class EarlierPosterior:
 
     def remarks(self, problem: Problem) -> list[str]:
         """Remarks on the step from that fit to this fit, a sentence each."""
-        bounds = problem.assembly.parameters
-        carried = {self.keys[i] for _, i in self._places(problem)}
+        bounds, keys = problem.assembly.parameters, self.stated.keys
+        carried = {keys[i] for _, i in self._places(problem)}
         notes = [
             f"{key} was held at its {'low' if slope > 0.0 else 'high'} bound in "
             f"{self.path.parent}; beyond the bound its prior is extrapolated."
-            for key, slope in zip(self.keys, self.held, strict=True)
+            for key, slope in zip(keys, self.stated.held, strict=True)
             if slope
         ]
         notes += [
@@ -126,13 +124,13 @@ class EarlierPosterior:
             "combination: intervals may be too narrow."
             for group in self.ridges
         ]
-        lost = [key for key in self.keys if key not in carried and not key.endswith(CLOCK_TERMS)]
+        lost = [key for key in keys if key not in carried and not key.endswith(CLOCK_TERMS)]
         notes += (
             [f"Priors not used, because this fit holds the parameters fixed: {', '.join(lost)}."]
             if lost
             else []
         )
-        if any(key.endswith(CLOCK_TERMS) for key in self.keys):
+        if any(key.endswith(CLOCK_TERMS) for key in keys):
             notes.append("Drifts belong to a single recording, so they start from the data sheet.")
         fresh = [
             bounds[i].key
@@ -204,11 +202,7 @@ def read_posterior(folder: Path) -> EarlierPosterior:
         )
     if (posterior := fit.posterior) is None:
         raise FileError(f"{path} holds no posterior.", f"An older version wrote it. {FIT_ANEW}")
-    keys, log, rows = posterior.keys, posterior.log, posterior.covariance
-    centre, spread, value, held = (
-        np.array(values, np.float64)
-        for values in (posterior.centre, posterior.spread, posterior.value, posterior.held)
-    )
+    keys, rows = posterior.keys, posterior.covariance
     lower = np.zeros((len(keys), len(keys)))
     if [len(row) for row in rows] != list(range(1, len(keys) + 1)):
         _refuse(path, "its covariance is no lower triangle")
@@ -222,28 +216,17 @@ def read_posterior(folder: Path) -> EarlierPosterior:
         for tie in fit.tied
         if not any(members & set(tie.parameters) for members in declared)
     )
-    lists = (centre, spread, value, held)
-    sizes = {len(keys), len(set(keys)), len(log), *(x.size for x in lists)}
+    lists = (posterior.log, posterior.centre, posterior.spread, posterior.value, posterior.held)
+    sizes = {len(keys), len(set(keys)), *map(len, lists)}
     # Half of it is stored, which cannot become unsymmetric by an edit.
     covariance = lower + np.tril(lower, -1).T
     if len(sizes) > 1:
         _refuse(path, "its lists differ in length")
-    if (spread <= 0.0).any() or (keys and np.linalg.eigvalsh(covariance)[0] <= 0.0):
+    narrow = any(spread <= 0.0 for spread in posterior.spread)
+    if narrow or (keys and np.linalg.eigvalsh(covariance)[0] <= 0.0):
         _refuse(path, "a spread is not positive, or the covariance is none")
     return EarlierPosterior(
-        path,
-        sha256_of(path),
-        fit.rig,
-        keys,
-        log,
-        centre,
-        spread,
-        value,
-        held,
-        covariance,
-        posterior.others,
-        frozenset(fitted),
-        ridges,
+        path, sha256_of(path), fit.rig, posterior, covariance, frozenset(fitted), ridges
     )
 
 
