@@ -55,18 +55,22 @@ def loop_run(g: GreyBox, r: Data, p: Array) -> dict[str, Array] | None:
 def closed_loop_figures(g: GreyBox) -> dict[str, Any] | None:
     """MAE of the model in closed loop over the held-out part, with its band under a 0.1 % change
     of conductance-like (logarithmic) parameters. None without a recording in a closed loop."""
-    runs = {"data_sheet": g.assembly.data_sheet(), "refitted": g.fit.p}
+    runs = [("data_sheet", g.assembly.data_sheet()), ("refitted", g.fit.p)]
+    for k in g.fit.problem.free:
+        if g.assembly.parameters[k].log:
+            nearby = g.fit.p.copy()
+            # A loop hides errors of the plant. The band shows by how much a small error would have
+            # to show.
+            nearby[k] *= 1.0 + PERTURBED
+            runs.append(("moved", nearby))
     errors: dict[str, dict[str, list[float]]] = {}
     for span in g.evidence.held_out:
-        for name, p in runs.items():
-            _collect(errors, name, loop_run(g, span.recording, p), span)
-        for k in g.fit.problem.free:
-            if g.assembly.parameters[k].log:
-                nearby = g.fit.p.copy()
-                # A loop hides errors of the plant. The band shows by how much a small error would
-                # have to show.
-                nearby[k] *= 1.0 + PERTURBED
-                _collect(errors, "moved", loop_run(g, span.recording, nearby), span)
+        r, part = span.recording, slice(span.start, span.stop)
+        for name, p in runs:
+            for column, values in (loop_run(g, r, p) or {}).items():
+                if column in r.values:
+                    gap = np.abs(values - r.shown(column))[part]
+                    errors.setdefault(column, {}).setdefault(name, []).append(float(gap.mean()))
     if not errors:
         return None
     out = {}
@@ -100,17 +104,6 @@ def loop_errors(g: GreyBox, cause: GreyBox | None = None) -> tuple[RecordingErro
                 outputs = {n: None if run is None else run[c][part] for n, run in runs.items()}
                 rows.append(recording_error(r.name, r.known, IN_LOOP, c, r.shown(c)[part], outputs))
     return tuple(rows)
-
-
-def _collect(
-    errors: dict[str, dict[str, list[float]]], name: str, run: dict[str, Array] | None, span: Span
-) -> None:
-    if run is None:
-        return
-    for column, values in run.items():
-        if column in span.recording.values:
-            gap = np.abs(values - span.recording.shown(column))[span.start : span.stop]
-            errors.setdefault(column, {}).setdefault(name, []).append(float(gap.mean()))
 
 
 def loop_columns(g: GreyBox, span: Span, loops: list[Loop]) -> list[Array]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +20,6 @@ ABSENT_RATIO, CLEAR_RATIO = 0.9, 0.7
 LONGEST_LAG_SHARE = 0.2  # of the longest recording
 FOLDS = 5  # of the cross-validation
 RIDGE_DAMPING = 1e-3  # damping per row, of standardised regressors
-GROUPS = (("past",), ("past", "linear"), ("past", "linear", "squares"))  # of regressors
 # shares of a recording by which a signal is shifted to see what chance does: 1 in 20 does as
 # well by chance
 CHANCE_SHIFTS = tuple(np.linspace(0.05, 0.95, 19).tolist())
@@ -74,19 +72,12 @@ def lagged_response(data: DataSplit, model: Assembly) -> LaggedResponse | None:
     )
 
     def ratio(c: int, direction: int) -> float:
-        return _error_ratio(
-            [
-                _regressors(
-                    t.y[::direction, c],
-                    (t.u[::direction] - centre) / spread,
-                    t.period_s,
-                    data.timescale_s,
-                    edges_s,
-                )
-                for t in tracks
-                if t.seen[c]
-            ]
-        )
+        parts = [
+            (t.y[::direction, c], (t.u[::direction] - centre) / spread, t.period_s)
+            for t in tracks
+            if t.seen[c]
+        ]
+        return _error_ratio(parts, data.timescale_s, edges_s)
 
     channels = range(len(data.channels))
     forward, backwards = (
@@ -111,18 +102,11 @@ def lagged_share(parts: Sequence[tuple[Array, Array, float]], timescale_s: float
     centre, spread = other.mean(), np.ptp(other)
 
     def ratio(shift: float) -> float:
-        return _error_ratio(
-            [
-                _regressors(
-                    y,
-                    ((np.roll(x, round(shift * len(x))) - centre) / spread)[:, None],
-                    period_s,
-                    timescale_s,
-                    edges_s,
-                )
-                for y, x, period_s in parts
-            ]
-        )
+        shifted = [
+            (y, ((np.roll(x, round(shift * len(x))) - centre) / spread)[:, None], period_s)
+            for y, x, period_s in parts
+        ]
+        return _error_ratio(shifted, timescale_s, edges_s)
 
     aligned = ratio(0.0)
     if aligned >= CLEAR_RATIO or aligned >= min(map(ratio, CHANCE_SHIFTS)):
@@ -152,17 +136,14 @@ def _lag_edges(first_s: float, last_s: float) -> Array:
     return np.concatenate([[0.0], first_s / 8.0 * 2.0 ** np.arange(count + 1)])
 
 
-class _Rows(NamedTuple):
-    """Regressors of a recording (rows x columns), and the increments they are to predict."""
+def _regressors(
+    y: Array, u: Array, period_s: float, horizon_s: float, edges_s: Array
+) -> tuple[list[Array], Array]:
+    """Regressors of a recording (rows x columns) by the past output, the inputs and their squares,
+    and the increments they are to predict (rows).
 
-    past: Array
-    linear: Array
-    squares: Array
-    increments: Array
-
-
-def _regressors(y: Array, u: Array, period_s: float, horizon_s: float, edges_s: Array) -> _Rows:
-    """Four rows per horizon, from two horizons on. Earlier inputs keep their first value."""
+    Four rows per horizon, from two horizons on. Earlier inputs keep their first value.
+    """
     n = len(y)
     h = min(max(2, round(horizon_s / period_s)), max(2, n // 8))
     # Increments, not values: a slow output is predicted well by its last value, whatever the
@@ -178,30 +159,34 @@ def _regressors(y: Array, u: Array, period_s: float, horizon_s: float, edges_s: 
         mean = (sums[stops] - sums[starts]) / (stops - starts)[..., None]
         return np.asarray(mean.reshape(len(end), -1))
 
-    return _Rows(
-        np.column_stack([last, last - half, last - whole]), means(u), means(u**2), y[end] - last
-    )
+    past = np.column_stack([last, last - half, last - whole])
+    return [past, means(u), means(u**2)], y[end] - last
 
 
-def _error_ratio(parts: Sequence[_Rows]) -> float:
-    """Cross-validated error of the regression with inputs over that without."""
-    without, *with_inputs = (_cross_validated(parts, groups) for groups in GROUPS)
-    return min(with_inputs) / without if without > 0.0 else 1.0
+def _error_ratio(
+    parts: Sequence[tuple[Array, Array, float]], horizon_s: float, edges_s: Array
+) -> float:
+    """Cross-validated error of the regression with inputs over that without: summed absolute
+    errors, each fifth of a recording predicted from everything else.
 
-
-def _cross_validated(parts: Sequence[_Rows], groups: tuple[str, ...]) -> float:
-    """Summed absolute error, each fifth of a recording predicted from everything else."""
+    parts: by recording, output (n,), inputs (n, inputs) and sampling period (s).
+    """
+    rows = [_regressors(y, u, period_s, horizon_s, edges_s) for y, u, period_s in parts]
+    y = np.concatenate([increments for _, increments in rows])
     # Folds are contiguous stretches. Rows drawn at random would be predicted from their correlated
     # neighbours.
-    folds = [np.arange(len(p.increments)) * FOLDS // max(len(p.increments), 1) for p in parts]
-    x = np.concatenate([np.concatenate([getattr(p, g) for g in groups], axis=1) for p in parts])
-    y, fold = np.concatenate([p.increments for p in parts]), np.concatenate(folds)
-    total = 0.0
-    for k in range(FOLDS):
-        held = fold == k
-        if held.any() and not held.all():
-            total += float(np.abs(y[held] - _ridge(x[~held], y[~held], x[held])).sum())
-    return total
+    fold = np.concatenate([np.arange(len(r)) * FOLDS // max(len(r), 1) for _, r in rows])
+    errors = []
+    for count in (1, 2, 3):  # groups of regressors: the past, with the inputs, with their squares
+        x = np.concatenate([np.concatenate(groups[:count], axis=1) for groups, _ in rows])
+        error = 0.0
+        for k in range(FOLDS):
+            held = fold == k
+            if held.any() and not held.all():
+                error += float(np.abs(y[held] - _ridge(x[~held], y[~held], x[held])).sum())
+        errors.append(error)
+    without, *with_inputs = errors
+    return min(with_inputs) / without if without > 0.0 else 1.0
 
 
 def _ridge(x: Array, y: Array, rows: Array) -> Array:
