@@ -39,22 +39,16 @@ from pamid.estimation.weights import Weights
 from pamid.simulation.windows import Window
 
 
-class PaddedWindows:
-    """The windows of a track as rows of equal length, shorter ones padded with zeros."""
-
-    def __init__(self, windows: list[Window]) -> None:
-        first = np.array([w.start for w in windows])
-        length = np.array([w.stop - w.start for w in windows])
-        offsets = np.arange(length.max())
-        self.inside = offsets < length[:, None]
-        self.index = np.where(self.inside, first[:, None] + offsets, first[:, None])
-
-    def rows(self, values: Array) -> Array:
-        """(windows, samples x channels, ...) of values (samples, channels, ...)."""
-        out = values[self.index]
-        out[~self.inside] = 0.0
-        windows, samples, channels = out.shape[:3]
-        return out.reshape(windows, samples * channels, *out.shape[3:])
+def padded_rows(windows: list[Window], values: Array) -> Array:
+    """Values (samples, channels, ...) of a track as rows of equal length (windows, samples x
+    channels, ...), those of shorter windows padded with zeros."""
+    first = np.array([w.start for w in windows])[:, None]
+    length = np.array([w.stop - w.start for w in windows])[:, None]
+    offsets = np.arange(length.max())
+    inside = offsets < length
+    out = values[np.where(inside, first + offsets, first)]
+    out[~inside] = 0.0
+    return out.reshape(len(windows), -1, *out.shape[3:])
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +64,7 @@ class FrozenTrack:
     @classmethod
     def of(cls, windows: list[Window], by_parameters: Array, ends: Array) -> FrozenTrack:
         """by_parameters: (samples, channels, parameters), weighted."""
-        rows = PaddedWindows(windows).rows(by_parameters)
+        rows = padded_rows(windows, by_parameters)
         # Every chord step multiplies by this matrix, and a transposed view would be copied each
         # time.
         turned = np.ascontiguousarray(rows.transpose(0, 2, 1))
@@ -139,11 +133,6 @@ class ChordShooting(MultipleShooting):
         shared = np.array([bounds[i].key in self.frozen.keys for i in self.problem.free], bool)
         return np.flatnonzero(shared), np.flatnonzero(~shared)
 
-    @cached_property
-    def padded(self) -> tuple[PaddedWindows, ...]:
-        """The windows of each track."""
-        return tuple(PaddedWindows(self.problem.windows(t)) for t in self.problem.tracks)
-
     def at(self, s: Array, starts: tuple[Array, ...], derivatives: bool = True) -> ShootingPoint:
         """The point with its normal equations, which cost nothing beyond the run."""
         sums = [self._track_sums(i, s, entered) for i, entered in enumerate(starts)]
@@ -159,7 +148,7 @@ class ChordShooting(MultipleShooting):
         H, g, _, parts = reduced(at.normal, at.s, self.scale, 0.0)
         by_starts = sum(
             float(x.ravel() @ block[3].ravel())
-            for (_, x, _, _), block in zip(parts, at.normal.blocks, strict=True)
+            for (_, x), block in zip(parts, at.normal.blocks, strict=True)
         )
         return float(at.cost - by_starts + 2.0 * g @ step.s + step.s @ H @ step.s)
 
@@ -188,7 +177,7 @@ class ChordShooting(MultipleShooting):
         columns = np.empty((*left.shape, lanes))
         columns[:, :, :-1] = (Y[:, :, 1:] - Y[:, :, :1]) * (root[:, None] / moves)
         columns[:, :, -1] = np.nan_to_num(left * root)
-        columns = self.padded[i].rows(columns)
+        columns = padded_rows(windows, columns)
         cross, inner = frozen.turned @ columns, columns.transpose(0, 2, 1) @ columns
         slope, m = self.scale.slope(p[free, 0])[shared], len(shared)
         cross *= slope[:, None]

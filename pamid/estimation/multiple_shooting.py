@@ -137,13 +137,13 @@ def _add_continuity(sums: WindowSums, weight: Array, H: Array, g: Array) -> Bloc
 
 def reduced(
     normal: ShootingNormal, s: Array, scale: Scale, damping: float
-) -> tuple[Array, Array, NDArray[np.bool_], list[tuple[Array, Array, Array, Array]]]:
+) -> tuple[Array, Array, NDArray[np.bool_], list[tuple[Array, Array]]]:
     """Eliminate the window starts from the normal equations (Schur complement).
 
     Returns
     -------
     Hessian H - B' T^-1 B and gradient g - B' T^-1 gx of the scaled parameters; mask of parameters
-    held at a bound; per track T^-1 B, T^-1 gx, B' T^-1 B and B' T^-1 gx.
+    held at a bound; per track T^-1 B and T^-1 gx.
     """
     H, g = normal.H.copy(), normal.g.copy()
     k, parts = len(g), []
@@ -151,10 +151,9 @@ def reduced(
         # the block-tridiagonal part solved for [B | gx]
         solution, _ = eliminate(D, off, np.concatenate([B, gx[:, :, None]], axis=2), damping)
         X, x = solution[:, :, :k], solution[:, :, k]
-        inner, right = np.einsum("wnk,wnl->kl", B, X), np.einsum("wnk,wn->k", B, x)
-        H -= inner
-        g -= right
-        parts.append((X, x, inner, right))
+        H -= np.einsum("wnk,wnl->kl", B, X)
+        g -= np.einsum("wnk,wn->k", B, x)
+        parts.append((X, x))
     return H, g, scale.held(s, g), parts
 
 
@@ -310,7 +309,7 @@ class MultipleShooting(LeastSquares[ShootingPoint, _ShootingStep]):
             ds[free] = -np.linalg.lstsq(A, g[free], rcond=None)[0]
         # The starts follow the parameter step after its clipping to the bounds.
         ds = np.clip(at.s + ds, self.scale.low, self.scale.high) - at.s
-        return _ShootingStep(ds, [-(x + X @ ds) for X, x, _, _ in parts], H)
+        return _ShootingStep(ds, [-(x + X @ ds) for X, x in parts], H)
 
     def moved(self, at: ShootingPoint, step: _ShootingStep, last: bool) -> ShootingPoint:
         prior, scale = self.problem.prior, self.scale

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.arrays import Array
-from pamid.base.metrics import seen_mean
 from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Stepping
 from pamid.estimation.prior import Prior
@@ -117,13 +116,6 @@ class Fit:
     def end(self) -> FitStart:
         """Where the fit has ended, as the start of another."""
         return FitStart(self.p, self.starts, self.weights, self.stepping, self.continuity)
-
-    @cached_property
-    def left(self) -> tuple[Array, Array]:
-        """Number of recorded residuals per channel, and their mean square (SI, NaN without any);
-        for a fit that has not failed."""
-        residuals = np.concatenate(self.residuals)
-        return np.isfinite(residuals).sum(axis=0), seen_mean(residuals**2)
 
 
 class Scale:
