@@ -28,7 +28,6 @@ from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.comparison import Comparison, families_of
 from pamid.diagnosis.family_forms import FreeForm
 from pamid.diagnosis.selection import Selection
-from pamid.estimation.port_evidence import PortEvidence
 from pamid.model.attachment import Attachment
 
 
@@ -57,8 +56,6 @@ class Answer:
 
     model          with the causes, the baseline without any
     material_rest  whether a material share of the gap remains
-    floors         error over the noise floor, worst channel
-    left_at        latent evidence at the ports next to the causes
     leader         the best candidate, whatever the verdict
     """
 
@@ -66,8 +63,6 @@ class Answer:
     model: CandidateModel
     causes: tuple[NamedCause, ...]
     material_rest: bool
-    floors: float
-    left_at: PortEvidence
     free_forms: tuple[FreeForm, ...] = ()
     leader: CandidateModel | None = None
 
@@ -134,8 +129,7 @@ def answer(
         # The figures of the answer belong to the model it names, not to a selection that was
         # withdrawn.
         best, rest = comparison.budget.baseline, bool(forms)
-    floors = comparison.floors(best)
-    return Answer(verdict, best, causes, rest, floors, selection.after, tuple(forms), leader)
+    return Answer(verdict, best, causes, rest, tuple(forms), leader)
 
 
 def _same_effect(candidate_model: CandidateModel, other: CandidateModel) -> bool:

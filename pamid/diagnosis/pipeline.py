@@ -126,7 +126,7 @@ class Diagnosis:
     @property
     def left_at(self) -> PortEvidence | None:
         """Evidence at the ports with the causes modelled; without causes, that of the baseline."""
-        return self.answer.left_at if self.answer and self.cause else self.located
+        return self.selection.after if self.selection and self.cause else self.located
 
     @property
     def nameless_at(self) -> list[str]:

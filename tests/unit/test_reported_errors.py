@@ -39,7 +39,7 @@ def diagnosis(best: CandidateModel, *candidates: CandidateModel) -> Diagnosis:
     """best: the answer; candidates: of the step that has chosen it."""
     budget = comparison(BEFORE).budget
     steps = (SelectionStep(budget.baseline, candidates, (best,)),)
-    found = Answer("explained", best, (), False, 1.0, NOWHERE)
+    found = Answer("explained", best, (), False)
     return Halved(
         cast(Any, None),
         budget,

@@ -224,7 +224,7 @@ def _remainder(
         share=rest.share,
         low=rest.low,
         high=rest.high,
-        floors=d.answer.floors,
+        floors=d.comparison.floors(d.answer.model),
         real=material,
         port=port if material else "",
         formula=unknown.formula if unknown and at == port else "",
