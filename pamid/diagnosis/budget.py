@@ -13,7 +13,7 @@ from pamid.base.metrics import seen_mean
 from pamid.base.parallel.jobs import Work, WorkerPool
 from pamid.base.progress import Progress, Settled
 from pamid.base.units import column_size
-from pamid.diagnosis.candidate_model import CandidateModel, candidate_from, runs_of
+from pamid.diagnosis.candidate_model import CandidateModel, candidate_from, runs_of, window_losses
 from pamid.diagnosis.settings import Settings
 from pamid.estimation.baseline_repair import WORSE
 from pamid.estimation.grey_box import GreyBox, fit_model
@@ -21,7 +21,7 @@ from pamid.estimation.problem import SHORTEST
 from pamid.estimation.restart import refound
 from pamid.model.bound_parameter import Sizes
 from pamid.simulation.data_split import DataSplit
-from pamid.simulation.replay import WHOLE, Replay, noise_floors
+from pamid.simulation.replay import WHOLE, noise_floors
 
 HORIZONS = (8, 4, 2)  # windows that a run covers, where it cannot cover a whole recording
 
@@ -49,7 +49,7 @@ class Budget:
     def short(self) -> Array | None:
         """Errors of the baseline with a start estimated in every window; None where these are the
         errors of the budget."""
-        return None if self.evidence.per_run == 1 else _losses(self.baseline.replays)
+        return None if self.evidence.per_run == 1 else window_losses(self.baseline.replays)
 
     @property
     def horizon_s(self) -> float:
@@ -208,11 +208,7 @@ def _budget_of(model: GreyBox, per_run: int, seed: int, settings: Settings) -> B
         model,
         evidence,
         candidate_from(model.assembly, model.fit, model.held_out, runs),
-        _losses(sheet),
-        _losses(floor),
+        window_losses(sheet),
+        window_losses(floor),
         settings,
     )
-
-
-def _losses(replays: tuple[Replay, ...]) -> Array:
-    return np.concatenate([r.losses(1) for r in replays])

@@ -102,11 +102,6 @@ class CandidateModel:
         return self.additions[-1].group(self.assembly.rig)
 
     @property
-    def samples(self) -> int:
-        """Held-out samples that are scored."""
-        return sum(int(r.scored.sum()) for r in self.replays)
-
-    @property
     def free_count(self) -> int:
         return len(self.fit.problem.free)
 
@@ -149,6 +144,11 @@ def runs_of(
     )
 
 
+def window_losses(replays: Sequence[Replay]) -> Array:
+    """Mean absolute error per window of all replays and channel (SI)."""
+    return np.concatenate([r.losses() for r in replays])
+
+
 def candidate_from(
     assembly: Assembly,
     fitted: Fit,
@@ -156,8 +156,7 @@ def candidate_from(
     runs: tuple[Replay, ...] = (),
 ) -> CandidateModel:
     runs = runs or replays
-    absolutes = np.concatenate([r.losses(1) for r in runs])
-    return CandidateModel(assembly, fitted, replays, runs, absolutes)
+    return CandidateModel(assembly, fitted, replays, runs, window_losses(runs))
 
 
 def transferred(assembly: Assembly, *sources: tuple[Assembly, Array]) -> Array:

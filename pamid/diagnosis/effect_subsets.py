@@ -87,9 +87,6 @@ class ResponseWork(Work[ScreenedCandidate, Response]):
             np.concatenate([[[0.0, np.inf]], room]),
         )
 
-    def name(self, item: ScreenedCandidate) -> str:
-        return item.added.label
-
 
 @dataclass(frozen=True, eq=False)
 class ScreenedResponses:

@@ -29,7 +29,6 @@ from pamid.model.determined_signals import determined
 from pamid.model.free_form import FreeFormEffect
 from pamid.model.registry import free_form_effects
 from pamid.model.rig import Port, Rig
-from pamid.simulation.replay import run_windows
 
 FORM_TAIL = 0.5  # per cent of the samples beyond either end of a curve: outliers
 
@@ -168,25 +167,17 @@ def curve_of(c: CandidateModel) -> FormCurve:
 def reached_at(c: CandidateModel, ports: Sequence[str]) -> Reached:
     """Ranges (SI) of values and signals at these ports over the windows of the fit, without
     outliers. Several places of a port are taken together."""
-    assembly, fit = c.assembly, c.fit
     wanted: dict[tuple[str, str, str], Expr] = {
         (q.port, q.where, name): value
-        for q in assembly.traced.passages
+        for q in c.assembly.traced.passages
         if q.port in ports
         for name, value in (("value", q.value), *q.signals)
         if isinstance(value, Expr)
     }
-    program = assembly.program_with({f"{where}.{n}": x for (_, where, n), x in wanted.items()})
-    rows = np.concatenate(
-        [
-            run_windows(program, assembly, fit.p, t, fit.problem.windows(t), x, fit.stepping)
-            for t, x in zip(fit.problem.tracks, fit.starts, strict=True)
-        ]
-    )
     # A single overshoot would stretch the curve over a range without data, where its coefficients
     # are free.
     inside = [FORM_TAIL, 100.0 - FORM_TAIL]
-    ends = np.percentile(rows[:, len(program.outputs) - len(wanted) :], inside, 0)
+    ends = np.percentile(c.along_fit(list(wanted.values())), inside, 0)
     reached: Reached = {}
     for (port, _, name), low, high in zip(wanted, *ends, strict=True):
         before = reached.get((port, name), (np.inf, -np.inf))

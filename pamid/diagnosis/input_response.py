@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pamid.base.arrays import Array
 from pamid.base.metrics import moving_block_interval, seen_mean
 from pamid.diagnosis.budget import Budget
-from pamid.diagnosis.candidate_model import CandidateModel
+from pamid.diagnosis.candidate_model import CandidateModel, window_losses
 from pamid.diagnosis.settings import Settings
 from pamid.estimation.lagged_linear import LaggedResponse, inputs_move
 from pamid.simulation.input_effects import held_at_mean, idle_text, input_effects
@@ -108,9 +108,6 @@ def _responding(
     """
     settings = budget.settings
 
-    def losses(rs: Sequence[Replay]) -> Array:
-        return np.concatenate([r.losses() for r in rs])
-
     begun = [(r.track, r.entered[0]) for r in true]
     free, flat, *without = _free_run_errors(model, begun, INPUT_SHIFTS)
     responding = np.asarray(free < settings.naive_plain * np.min([flat, *without], axis=0))
@@ -120,11 +117,11 @@ def _responding(
     # input. Only a model that beats all of these uses its inputs.
     middle = np.concatenate([_guesses(r)[0] for r in true])
     held, *shifted = (
-        losses(_replays(budget, model, [_without_inputs(r.full_track, shift) for r in true]))
+        window_losses(_replays(budget, model, [_without_inputs(r.full_track, shift) for r in true]))
         for shift in INPUT_SHIFTS
     )
     rivals = (middle, held, np.mean(shifted, axis=0))
-    error = losses(true)
+    error = window_losses(true)
     for c in np.flatnonzero(~responding):
         seen = ~np.isnan(error[:, c])  # a recording may lack the channel
         responding[c] = all(
@@ -209,7 +206,7 @@ def _beats_extrapolation(budget: Budget, model: CandidateModel, seed: int) -> bo
     middle, start, line = (
         np.concatenate([losses[i] for losses in map(_guesses, model.replays)]) for i in range(3)
     )
-    absolutes = np.concatenate([r.losses() for r in model.replays])
+    absolutes = window_losses(model.replays)
     for c, floor in enumerate(seen_mean(budget.floor)):
         seen = ~np.isnan(absolutes[:, c])  # a recording may lack the channel
         error, flat = absolutes[seen, c], middle[seen, c]

@@ -13,7 +13,6 @@ from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import zip_longest
-from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtri
@@ -30,7 +29,6 @@ from pamid.diagnosis.candidate_model import (
 from pamid.diagnosis.parameter_scan import SCAN_SAMPLES, ScanPart, scanned_values
 from pamid.diagnosis.ranges import with_ranges_of
 from pamid.diagnosis.settings import DEFAULT, Settings
-from pamid.diagnosis.starting_hints import GapHints
 from pamid.engine.damped_gauss_newton import iterate
 from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Stepping
@@ -41,6 +39,7 @@ from pamid.estimation.problem import Fit, Problem, careful_stepping, free_parame
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Addition
 from pamid.model.bound_parameter import Sizes
+from pamid.model.effect import Hints
 from pamid.model.step_rig import StepRig
 from pamid.simulation.data_split import DataSplit
 
@@ -73,6 +72,10 @@ class ScreenedCandidate:
     promised: float = -np.inf
 
     @property
+    def label(self) -> str:
+        return self.added.label
+
+    @property
     def prospect(self) -> float:
         """Gain reached, or the predicted gain of the rival if that is larger."""
         return max(self.gain, self.rival.promised if self.rival else -np.inf)
@@ -99,7 +102,7 @@ class ScreenedCandidate:
 
 
 def starting_points(
-    assembly: Assembly, added: Addition, hints: GapHints
+    assembly: Assembly, added: Addition, hints: Mapping[str, Hints]
 ) -> tuple[list[dict[str, float]], list[dict[str, float]]]:
     """Return starting values (SI, by key) of a candidate: general ones, and those from hints.
 
@@ -118,7 +121,7 @@ def starting_points(
     hints_per_port = [
         [
             {f"{a.label}:{name}": value for name, value in start.items()}
-            for start in a.effect.starts(hints.at(a.ports[0]))
+            for start in a.effect.starts(hints[a.ports[0]])
         ]
         for a in added.members
     ]
@@ -234,7 +237,7 @@ def screen(
     reference: ScreeningBaseline,
     added: Addition,
     sizes: Sizes,
-    hints: GapHints,
+    hints: Mapping[str, Hints],
 ) -> ScreenedCandidate:
     """Take the first steps of a candidate from every starting point, and return the best."""
     baseline, steps = reference.baseline, reference.settings.probe_steps
@@ -263,11 +266,11 @@ def screen(
     for start_values, probe, step_count in probes:
         p = transferred(assembly, (baseline.assembly, reference.p))
         set_within_bounds(assembly, p, start_values)
-        result = probe(p, starts, step_count, reference.stepping)
+        fitted, predicted = probe(p, starts, step_count, reference.stepping)
         # The baseline's integration steps may be too long for this effect: choose them anew.
-        if not np.isfinite(result.fit.cost):
-            result = probe(p, starts, step_count, None)
-        ends.append(_screened(reference, added, start_values, *result))
+        if not np.isfinite(fitted.cost):
+            fitted, predicted = probe(p, starts, step_count, None)
+        ends.append(_screened(reference, added, start_values, fitted, predicted))
     best = max(ends, key=lambda s: s.gain)
     if not np.isfinite(best.gain):
         return ScreenedCandidate(added, assembly, {}, -np.inf, "unstable at every starting value")
@@ -288,10 +291,10 @@ def advance(
     fits: list[Fit] = []
     for start in (screened, *filter(None, [screened.rival])):
         assert start.p is not None
-        exact_fit = exact(start.p, start.starts, steps, start.stepping)
-        further = _screened(reference, added, start.first, *exact_fit)
+        exact_fit, cost = exact(start.p, start.starts, steps, start.stepping)
+        further = _screened(reference, added, start.first, exact_fit, cost)
         best = further if further.gain > best.gain else best
-        fits.append(exact_fit.fit)
+        fits.append(exact_fit)
     # Scan from the best end point only: a scan costs a run per grid value.
     fitted = min(fits, key=lambda f: f.cost)
     scanned = _scanned_with_effect(reference, added, fitted, exact)
@@ -394,16 +397,9 @@ def _scanned_with_effect(
             p = fitted.p.copy()
             p[i] = value
             steps = settings.probe_steps + settings.screen_steps
-            refitted = probe(p, fitted.starts, steps, fitted.stepping).fit
+            refitted, _ = probe(p, fitted.starts, steps, fitted.stepping)
             best = refitted if refitted.cost < best.cost else best
     return best
-
-
-class _Probed(NamedTuple):
-    """A fit of a few steps, and the cost predicted for a single undamped step from its start."""
-
-    fit: Fit
-    predicted_cost: float
 
 
 @dataclass(frozen=True)
@@ -421,8 +417,9 @@ class _Probe:
         starts: tuple[Array, ...] | None,
         steps: int,
         stepping: Stepping | None,
-    ) -> _Probed:
-        """Take `steps` steps from p (SI) and these window starts."""
+    ) -> tuple[Fit, float]:
+        """Take `steps` steps from p (SI) and these window starts. Returns the fit, and the cost
+        predicted for a single undamped step."""
         start = window_starts_from(self.reference.baseline.fit, self.problem.assembly)
         start = replace(start, p=p, starts=starts, stepping=stepping)
         if self.frozen is None or starts is None:
@@ -432,21 +429,21 @@ class _Probe:
                 iterations=steps,
                 probe=True,
             )
-            return _Probed(exact_fit, exact_fit.cost)
+            return exact_fit, exact_fit.cost
         shooting, begun = begin_chords(
             self.problem,
             self.frozen,
             replace(start, stepping=stepping or careful_stepping(self.problem, p)),
         )
         if not begun.point.normal.fine:
-            return _Probed(shooting.fit(begun), np.inf)
+            return shooting.fit(begun), np.inf
         predicted = shooting.predicted_cost(begun.point)
-        return _Probed(shooting.fit(iterate(shooting, begun, steps)), predicted)
+        return shooting.fit(iterate(shooting, begun, steps)), predicted
 
 
 def by_gain(screened: Iterable[ScreenedCandidate]) -> list[ScreenedCandidate]:
     """Sort by prospect, the largest first, then by name."""
-    return sorted(screened, key=lambda s: (-s.prospect, s.added.label))
+    return sorted(screened, key=lambda s: (-s.prospect, s.label))
 
 
 def advancing(
@@ -485,9 +482,9 @@ def _leaders(
     usable = by_gain(s for s in screened if s.usable)
     count = times * (settings.refits if first_round else settings.refits_further)
     chosen = usable[:count]
-    kinds = {kind_of[s.added.label] for s in chosen}
+    kinds = {kind_of[s.label] for s in chosen}
     for s in usable[count:] if first_round else []:
-        kind = kind_of[s.added.label]
+        kind = kind_of[s.label]
         if kind not in kinds and s.prospect > least:
             chosen.append(s)
             kinds.add(kind)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -29,7 +30,6 @@ from pamid.diagnosis.screening import (
     screen,
 )
 from pamid.diagnosis.settings import Settings
-from pamid.diagnosis.starting_hints import GapHints
 from pamid.engine.known_slopes import KnownSlopes
 from pamid.estimation.grey_box import (
     COARSE,
@@ -46,6 +46,7 @@ from pamid.estimation.restart import REFIT_ITERATIONS, REFIT_TOLERANCE, TRAPPED
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Addition, Attachment, wholes_of
 from pamid.model.bound_parameter import Range, Sizes
+from pamid.model.effect import Hints
 from pamid.simulation.data_split import DataSplit
 
 WIDENINGS = 2  # of a guessed range at most, by 4 each: up to 16 times a typical magnitude
@@ -62,7 +63,7 @@ class Search:
     evidence: DataSplit
     budget: Budget
     candidates: list[Addition]
-    hints: GapHints
+    hints: Mapping[str, Hints]
     seed: int
     pool: WorkerPool
     progress: Progress
@@ -84,13 +85,10 @@ class _ScreeningWork(Work[Addition, ScreenedCandidate]):
     evidence: DataSplit
     reference: ScreeningBaseline
     sizes: Sizes
-    hints: GapHints
+    hints: Mapping[str, Hints]
 
     def __call__(self, item: Addition) -> ScreenedCandidate:
         return screen(self.evidence, self.reference, item, self.sizes, self.hints)
-
-    def name(self, item: Addition) -> str:
-        return item.label
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,9 +101,6 @@ class _AdvanceWork(Work[ScreenedCandidate, ScreenedCandidate]):
 
     def __call__(self, item: ScreenedCandidate) -> ScreenedCandidate:
         return advance(self.evidence, self.reference, item)
-
-    def name(self, item: ScreenedCandidate) -> str:
-        return item.added.label
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +117,10 @@ class RefitStart:
     first: dict[str, float] = field(default_factory=dict)
     ranges: dict[str, Range] = field(default_factory=dict)
     assembly: Assembly | None = field(kw_only=True, compare=False, repr=False)
+
+    @property
+    def label(self) -> str:
+        return " + ".join(a.label for a in self.attached)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,9 +153,6 @@ class RefitWork(Work[RefitStart, CandidateModel]):
             fitted = refit(self.evidence, assembly, self.after, p=fitted.p, known=known)
         return replayed(self.evidence, assembly, fitted)
 
-    def name(self, item: RefitStart) -> str:
-        return " + ".join(a.label for a in item.attached)
-
 
 @dataclass(frozen=True, eq=False)
 class Round:
@@ -179,7 +175,7 @@ def run_round(search: Search, base: CandidateModel, candidates: list[Addition]) 
     reference = ScreeningBaseline.of(base, len(search.candidates), search.settings)
     screened, to_refit = screened_candidates(search, reference, candidates)
     models, failed = refit_screened(search, base, to_refit)
-    unusable = [(s.added.label, s.why) for s in screened if not s.usable]
+    unusable = [(s.label, s.why) for s in screened if not s.usable]
     return Round(models, unusable + failed, reference, [s for s in screened if s.usable])
 
 
@@ -211,7 +207,7 @@ def screened_candidates(
     kinds = {a.label: (search.family(a), a.members[0].effect.signals) for a in candidates}
     leaders = advancing(kinds, list(screened.values()), reference)
     advanced = run(_AdvanceWork(evidence, reference), leaders, progress)
-    screened |= {s.added.label: s for s in advanced if not isinstance(s, Failed)}
+    screened |= {s.label: s for s in advanced if not isinstance(s, Failed)}
     # from here on only the gain reached counts, not the predicted gain
     final = [replace(s, rival=None) for s in screened.values()]
     return final, promising(kinds, final, reference)
@@ -228,9 +224,9 @@ def refit_screened(
     models, failed = [], []
     for s, c in zip(screened, refitted, strict=True):
         if isinstance(c, Failed):
-            failed.append((s.added.label, c.why))
+            failed.append((s.label, c.why))
         elif not c.finite:
-            failed.append((s.added.label, "became unstable on held-out recordings"))
+            failed.append((s.label, "became unstable on held-out recordings"))
         else:
             models.append(c)
     return models, failed
@@ -268,9 +264,6 @@ class _BaselineRestart(Work[CandidateModel, CandidateModel]):
         p = transferred(assembly, (item.assembly, item.fit.p))
         start = replace(fitted.end, p=p, starts=item.fit.starts, continuity=())
         return replayed(self.evidence, assembly, fit(fitted.problem, start))
-
-    def name(self, item: CandidateModel) -> str:
-        return item.label
 
 
 def opposite_signs(
@@ -345,6 +338,3 @@ class _StepRefinement(Work[CandidateModel, CandidateModel]):
                 break
             best = replayed(self.evidence, best.assembly, refined)
         return best
-
-    def name(self, item: CandidateModel) -> str:
-        return item.label

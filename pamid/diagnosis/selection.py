@@ -134,7 +134,7 @@ def with_plainer_effects(search: Search, comparison: Comparison, first: Round) -
     plainer = [
         s
         for s in first.screened
-        if s.added.label not in refitted
+        if s.label not in refitted
         and s.gain > 0.0
         and _size(s.ended[0]) <= fewest.get(search.family(s.added), 0)
     ]
@@ -259,7 +259,7 @@ def _joint_start(
     # Two effects may each replace the same law. Such a pair is no model, and not an error either.
     except PamidError:
         return None
-    sources = [alone.get(s.added.label, s.ended) for s in strongest[::-1]]
+    sources = [alone.get(s.label, s.ended) for s in strongest[::-1]]
     return _start_from(attached, assembly, sources)
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,36 +32,11 @@ SPECTRUM_LINES = 3  # offered to an effect
 SPATIAL_BINS, FEWEST_PERIODS = 4096, 2.0
 
 
-@dataclass(frozen=True)
-class GapHints:
-    """Features of the gap and of the recordings.
-
-    peaks_hz: strongest first; reach: largest magnitude of every signal at every port (SI); periods:
-    by motion port, of the gap over the position there (SI), strongest first; timescale_s:
-    correlation time of the recordings; plateaus: by reading, spacing and a level of those on
-    which it rests (SI); period_s: sampling period; extremes: by reading, the lowest and highest
-    value per recording (SI).
-    """
-
-    peaks_hz: tuple[float, ...]
-    reach: dict[str, dict[str, float]]
-    periods: dict[str, tuple[float, ...]] = field(default_factory=dict)
-    timescale_s: float = math.nan
-    plateaus: dict[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
-    period_s: float = math.nan
-    extremes: dict[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
-
-    def at(self, port: str) -> Hints:
-        reach, periods = self.reach.get(port, {}), self.periods.get(port, ())
-        steps = self.plateaus.get(port, ())
-        ends = self.extremes.get(port, ())
-        return Hints(self.peaks_hz, reach, periods, self.timescale_s, steps, self.period_s, ends)
-
-
-def gather_hints(evidence: DataSplit, base: CandidateModel) -> GapHints:
-    """Hints from the windows of a model's fit, its held-out replays, and the recordings."""
+def gather_hints(evidence: DataSplit, base: CandidateModel) -> dict[str, Hints]:
+    """Hints by port, from the windows of a model's fit, its held-out replays, and the
+    recordings."""
     peaks = spectrum_peaks(list(base.replays), evidence.noise)
-    periods = _periods(evidence, base)
+    reach, periods = _reach(base), _periods(evidence, base)
     rests: dict[str, set[tuple[float, float]]] = {}
     ends: dict[str, set[tuple[float, float]]] = {}
     for port, scale, y in _readings(evidence.channels, base):
@@ -73,15 +47,19 @@ def gather_hints(evidence: DataSplit, base: CandidateModel) -> GapHints:
             rests.setdefault(port, set()).add(there)
         low, high = sorted((float(end) - zero) / slope for end in (y.min(), y.max()))
         ends.setdefault(port, set()).add((low, high))
-    return GapHints(
-        peaks,
-        _reach(base),
-        periods,
-        evidence.timescale_s,
-        {port: tuple(sorted(values)) for port, values in rests.items()},
-        base.assembly.rig.period_s,
-        {port: tuple(sorted(values)) for port, values in ends.items()},
-    )
+    rig = base.assembly.rig
+    return {
+        port: Hints(
+            peaks,
+            reach.get(port, {}),
+            periods.get(port, ()),
+            evidence.timescale_s,
+            tuple(sorted(rests.get(port, ()))),
+            rig.period_s,
+            tuple(sorted(ends.get(port, ()))),
+        )
+        for port in rig.ports
+    }
 
 
 def _readings(
@@ -163,10 +141,7 @@ def spectrum_peaks(before: list[Replay], noise: Array) -> tuple[float, ...]:
     axis = np.fft.rfftfreq(n, b.track.period_s)
     power[axis * b.track.timescale_s < SLOWEST_LINE] = 0.0
     # odd; of a short recording all there is
-    width = min(SPECTRUM_SMOOTH, len(power) - 1 + len(power) % 2)
-    smooth = np.convolve(power, np.ones(width) / width, "same")
-    # against the mean around it: a broad hump, however strong, is no line
-    contrast = power / (smooth + 1e-12 * power.max() + 1e-300)
+    contrast = _contrast(power, min(SPECTRUM_SMOOTH, len(power) - 1 + len(power) % 2))
     peaks = []
     for _ in range(SPECTRUM_LINES):
         # Contrast alone picks narrow lines in an empty band, power alone picks broad humps.
@@ -199,17 +174,16 @@ def _periods(evidence: DataSplit, base: CandidateModel) -> dict[str, tuple[float
             wanted[q.where] = (q.port, x)
     if not wanted:
         return {}
-    program = assembly.program_with({f"{k}.position": x for k, (_, x) in wanted.items()})
+    positions = base.along_fit([x for _, x in wanted.values()])
     recorded = [_recorded(evidence.channels, base, x) for _, x in wanted.values()]
     parts: list[tuple[Array, Array]] = []  # of every window: positions and weighted residual
-    for t, starts, left in zip(fit.problem.tracks, fit.starts, fit.residuals, strict=True):
-        windows = fit.problem.windows(t)
-        y = run_windows(program, assembly, fit.p, t, windows, starts, fit.stepping)
-        x = y[:, len(program.outputs) - len(wanted) :]
+    joints = np.cumsum([len(t) for t in fit.problem.tracks])[:-1]
+    by_track = np.split(positions, joints)
+    for t, x, left in zip(fit.problem.tracks, by_track, fit.residuals, strict=True):
         for k, channel in enumerate(recorded):
             if channel is not None:
                 x[:, k] = np.where(np.isfinite(t.y[:, channel]), t.y[:, channel], x[:, k])
-        for w in windows:
+        for w in fit.problem.windows(t):
             # A missing sample counts as no gap, which weakens a line but does not shift it.
             r = np.nan_to_num(left[w.start : w.stop] / evidence.noise)
             parts.append((x[w.start : w.stop], r))
@@ -260,7 +234,7 @@ def spatial_periods(parts: list[tuple[Array, Array]]) -> tuple[float, ...]:
         at = np.minimum(at, SPATIAL_BINS - 1)
         gap, turn = np.concatenate(gaps), np.concatenate(turns)
         for channel in np.hstack([gap, gap * turn[:, None]]).T:
-            total += _contrast(at, channel)
+            total += _spatial_contrast(at, channel)
     frequency = np.arange(len(total)) / (4.0 * span)
     step = np.median(np.concatenate([np.abs(np.diff(x)) for x, _ in parts]))
     total[(frequency < FEWEST_PERIODS / span) | (2.0 * frequency * step > 1.0)] = 0.0
@@ -274,7 +248,13 @@ def spatial_periods(parts: list[tuple[Array, Array]]) -> tuple[float, ...]:
     return tuple(periods)
 
 
-def _contrast(at: NDArray[np.int64], values: Array) -> Array:
+def _contrast(power: Array, width: int) -> Array:
+    """Power against the mean around it: a broad hump, however strong, is no line."""
+    around = np.convolve(power, np.ones(width) / width, "same")
+    return np.asarray(power / (around + 1e-12 * power.max() + 1e-300))
+
+
+def _spatial_contrast(at: NDArray[np.int64], values: Array) -> Array:
     """Power over spatial frequency, in quarters of 1/range, against its surroundings."""
     bins = SPATIAL_BINS
     # The mean count in the denominator shrinks bins with few samples, which would dominate the
@@ -282,5 +262,4 @@ def _contrast(at: NDArray[np.int64], values: Array) -> Array:
     count = np.bincount(at, minlength=bins)
     mean = np.bincount(at, values, bins) / (count + max(1.0, count.mean()))
     power = np.abs(np.fft.rfft(mean * np.hanning(bins), 4 * bins)) ** 2
-    around = np.convolve(power, np.ones(201) / 201.0, "same")
-    return np.asarray((power / (around + 1e-12 * power.max() + 1e-300))[: 2 * bins + 1])
+    return _contrast(power, 201)[: 2 * bins + 1]

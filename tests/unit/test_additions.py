@@ -1,6 +1,7 @@
 """The same effect in several joints as one candidate: which ports count as alike, where its
 fits begin, and which of its ports are needed."""
 
+from collections import defaultdict
 from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any, ClassVar
@@ -12,14 +13,13 @@ from made_models import comparison, effect, model
 import pamid.diagnosis.selection as selection_module
 from pamid.diagnosis.screening import ScreenedCandidate, starting_points
 from pamid.diagnosis.selection import compared, with_needed_ports, with_plainer_effects
-from pamid.diagnosis.starting_hints import GapHints
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Addition, additions_of, attachments, wholes_of
-from pamid.model.effect import State
+from pamid.model.effect import Hints, State
 from pamid.model.registry import effects
 from pamid.model.rig import Port, Rig
 
-NO_HINTS = GapHints((), {})
+NO_HINTS: defaultdict[str, Hints] = defaultdict(Hints)
 
 
 class Gantry(Rig):
@@ -150,7 +150,7 @@ def test_only_what_would_be_named_is_reduced():
 def screened(label: str, family: str, size: int, gain: float) -> Any:
     assembly = SimpleNamespace(parameters=[SimpleNamespace(fitted=True)] * size)
     added = SimpleNamespace(label=label, family=family)
-    return SimpleNamespace(added=added, gain=gain, ended=(assembly, None))
+    return SimpleNamespace(added=added, label=added.label, gain=gain, ended=(assembly, None))
 
 
 def test_plainer_effects_of_a_family_that_would_be_named_are_refitted(monkeypatch):

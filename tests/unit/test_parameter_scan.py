@@ -1,5 +1,7 @@
 """Parameters over which the misfit has many narrow minima: values are tried, no slope helps."""
 
+from collections import defaultdict
+
 import numpy as np
 import pytest
 from small_cart import RIG
@@ -9,17 +11,18 @@ from pamid.base.arrays import Array
 from pamid.diagnosis.candidate_model import CandidateModel, candidate_from, transferred
 from pamid.diagnosis.parameter_scan import SCAN_STARTS, ScanPart, scan_grid, scanned_values
 from pamid.diagnosis.screening import ScreenedCandidate, ScreeningBaseline, advance, screen
-from pamid.diagnosis.starting_hints import GapHints, gather_hints
+from pamid.diagnosis.starting_hints import gather_hints
 from pamid.estimation.grey_box import fit_model, model_with
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import FitStart, Problem, free_parameters
 from pamid.model.attachment import Addition, Attachment, attach
+from pamid.model.effect import Hints
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, recording_of
 from pamid.simulation.data_split import DataSplit, split_recordings
 
 PERIOD_M, SERVO, OVEN = 0.21, "servo-pendulum", "thermal-block"
-NO_HINTS = GapHints((), {})
+NO_HINTS: defaultdict[str, Hints] = defaultdict(Hints)
 
 
 def baseline(rig: str, made: Recording) -> tuple[DataSplit, CandidateModel]:
@@ -30,7 +33,7 @@ def baseline(rig: str, made: Recording) -> tuple[DataSplit, CandidateModel]:
 
 
 def screened(
-    evidence: DataSplit, base: CandidateModel, effect: Attachment, hints: GapHints = NO_HINTS
+    evidence: DataSplit, base: CandidateModel, effect: Attachment, hints: defaultdict[str, Hints] = NO_HINTS
 ) -> ScreenedCandidate:
     """The effect after all steps of its screening."""
     reference = ScreeningBaseline.of(base, 5)

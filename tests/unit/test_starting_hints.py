@@ -50,7 +50,7 @@ def test_stops_are_found_although_the_typical_ones_lie_outside(stopped):  # type
         for name in ("coulomb-friction", "gravity", "leak")
     ]
     assert found.gain > 2.0 * max(rivals)
-    assert found.first["end-stop:limit"] <= hints.at("joint").reach["position"]
+    assert found.first["end-stop:limit"] <= hints["joint"].reach["position"]
 
 
 @pytest.mark.parametrize("samples", [120, 126, 1000])
@@ -80,11 +80,11 @@ def test_a_reading_that_rests_on_plateaus_tells_its_step(tmp_path):
     model = fit_model(evidence)
     base = candidate_from(model.assembly, model.fit, model.held_out)
     hints = gather_hints(evidence, base)
-    assert not hints.at("force").plateaus
-    ((spacing, level),) = hints.at("sensor").plateaus
+    assert not hints["force"].plateaus
+    ((spacing, level),) = hints["sensor"].plateaus
     assert spacing == pytest.approx(step, rel=0.01)
     assert abs(level / step - round(level / step)) < 0.05, "zero is one of its levels"
-    found = effects()["quantisation"]().starts(hints.at("sensor"))
+    found = effects()["quantisation"]().starts(hints["sensor"])
     assert found == [{"quantum": spacing, "level": level}]
 
 

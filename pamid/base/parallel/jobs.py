@@ -57,7 +57,7 @@ class Work(Generic[T, R]):
         raise NotImplementedError
 
     def name(self, item: T) -> str:
-        return str(item)
+        return str(getattr(item, "label", item))
 
     def cost(self, item: T) -> float:
         """About how long it takes, in any unit: longer jobs are begun first."""

@@ -93,22 +93,14 @@ def experiment_power(
     inner = _inner(everything, responses)
     effects = []
     for a, r in zip(candidates, powers, strict=True):
-        shown = ShownEffect(
-            effect=a.label,
-            family=a.family(evidence.rig),
-            port=a.group(evidence.rig),
-            amount=None,
-            visible=(),
-            standard_errors=(),
-            by_channel={},
-            confused=(),
-            failed=r.why if isinstance(r, Failed) else "",
-        )
-        if not isinstance(r, Failed) and a.label not in inner:
-            shown = shown.model_copy(
-                update={"amount": r.amount, "failed": "the rig with it becomes unstable"}
-            )
-        elif not isinstance(r, Failed):
+        amount, failed, tried, visible = None, "", list[Array](), list[float]()
+        by_channel: dict[str, float] = {}
+        confused: tuple[str, ...] = ()
+        if isinstance(r, Failed):
+            failed = r.why
+        elif a.label not in inner:
+            amount, failed = r.amount, "the rig with it becomes unstable"
+        else:
             tried = [everything(r.columns[:, k]) for k in range(len(SIZES))]
             visible = [
                 max(visibility(x[channel_rows[c]], samples[c]) for c in channels) for x in tried
@@ -121,16 +113,20 @@ def experiment_power(
             amount = r.amount and r.amount.model_copy(
                 update={"least": None if least is None else least * r.amount.usual}
             )
-            shown = shown.model_copy(
-                update={
-                    "amount": amount,
-                    "visible": tuple(visible),
-                    "standard_errors": tuple(float(np.linalg.norm(x)) for x in tried),
-                    "by_channel": by_channel,
-                    "confused": _confused(evidence, candidates, inner, a),
-                }
+            confused = _confused(evidence, candidates, inner, a)
+        effects.append(
+            ShownEffect(
+                effect=a.label,
+                family=a.family(evidence.rig),
+                port=a.group(evidence.rig),
+                amount=amount,
+                visible=tuple(visible),
+                standard_errors=tuple(float(np.linalg.norm(x)) for x in tried),
+                by_channel=by_channel,
+                confused=confused,
+                failed=failed,
             )
-        effects.append(shown)
+        )
     return tuple(
         sorted(effects, key=lambda e: (-(e.visible[USUAL] if e.visible else 0.0), e.effect))
     )
@@ -219,9 +215,6 @@ class _Responding(Work[Attachment, _Change]):
             usual = first.value / first.factor
             amount = UsualAmount(parameter=first.name, unit=first.unit, usual=usual, least=None)
         return _Change(np.column_stack([*columns, tangents]), amount)
-
-    def name(self, item: Attachment) -> str:
-        return item.label
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from pamid.base.arrays import Array
+from pamid.base.metrics import rms
 from pamid.base.parallel.jobs import Work
 from pamid.base.schemas.diagnosis_file import INSEPARABLE, WITHHELD, NextExperiment
 from pamid.base.share_words import times_text
@@ -43,7 +44,7 @@ from pamid.diagnosis.planning.experiment_ways import (
 )
 from pamid.engine.program import Stepping
 from pamid.estimation.multiple_shooting import fit, initial_states
-from pamid.estimation.problem import FitStart, Problem
+from pamid.estimation.problem import FitStart, Problem, careful_stepping, most_careful
 from pamid.estimation.weights import Weights, residual_weights
 from pamid.recording.recording import write_recording
 from pamid.simulation.data_split import DataSplit
@@ -54,7 +55,6 @@ from pamid.simulation.excitation.experiments import (
     commanded,
     menu,
 )
-from pamid.simulation.free_runs import choose_stepping
 from pamid.simulation.rig_data import data_of
 from pamid.simulation.tracks import Track, track_of
 from pamid.simulation.windows import Runner
@@ -118,7 +118,7 @@ def next_experiment(d: Diagnosis) -> Proposal | WithheldExperiment | None:
     while race:
         k = max(
             range(len(race)),
-            key=lambda i: _rms(race[i][0]) / np.sqrt(race[i][2].minutes),
+            key=lambda i: rms(race[i][0]) / np.sqrt(race[i][2].minutes),
         )
         separation, bounds, way = race[k]
         tighter = next(bounds, None)
@@ -282,18 +282,11 @@ def separations(
             return
         rivals.append(rival)
         separation.append(rival.misfit(rival.left))
-        yield min(separation, key=_rms)
+        yield min(separation, key=rms)
     for k, rival in enumerate(rivals):
         again = rival.readjusted()
-        separation[k] = (
-            min(separation[k], rival.misfit(again), key=_rms) if again else separation[k]
-        )
-        yield min(separation, key=_rms)
-
-
-def _rms(channels: Array) -> float:
-    """All channels together."""
-    return float(np.sqrt((channels**2).mean()))
+        separation[k] = min(separation[k], rival.misfit(again), key=rms) if again else separation[k]
+        yield min(separation, key=rms)
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,11 +299,8 @@ class _RivalModel:
 
     @cached_property
     def stepping(self) -> Stepping:
-        a, steppings = self.model.assembly, [self.model.fit.stepping]
-        for t in self.tracks:
-            p = Runner(a, t, Stepping()).parameters(self.model.fit.p)
-            steppings.append(choose_stepping(a, t.u, p, t.period_s, a.start(p)))
-        return max(steppings, key=lambda s: (s.implicit, s.substeps))
+        f = self.model.fit
+        return most_careful([f.stepping, careful_stepping(self.problem, f.p)])
 
     @cached_property
     def problem(self) -> Problem:
@@ -410,7 +400,7 @@ def _proposal(
         name=way.experiment.name,
         why="; ".join(filter(None, why)),
         separates=tuple(dict.fromkeys(c.attached[0].label for pair in pairs for c in pair)),
-        expected_separation=_rms(separation),
+        expected_separation=rms(separation),
         minutes=way.minutes,
         excitation=files[0],
         excitations=files,
