@@ -34,7 +34,6 @@ from pamid.simulation.data_split import DataSplit
 MANY_PORTS, OUTSTANDING = 20, 0.15
 
 Ports = tuple[str, ...]
-LatentFit = tuple[float, float, float]  # log evidence, size, time constant
 
 
 @dataclass(frozen=True)
@@ -70,9 +69,9 @@ class PortEvidence:
 
 
 @dataclass(frozen=True, eq=False)
-class _SmoothingWork(Work[Ports, LatentFit]):
-    """The log evidence for latent values at ports (none: of the model as it is) with their most
-    likely size and time constant; moving: do the parameters?"""
+class _SmoothingWork(Work[Ports, float]):
+    """The log evidence for latent values of the most likely size and time constant at ports (none:
+    of the model as it is); moving: do the parameters?"""
 
     what = "looking for what is missing at"
     evidence: DataSplit
@@ -83,10 +82,9 @@ class _SmoothingWork(Work[Ports, LatentFit]):
     def smoother(self, ports: Ports) -> Smoother:
         return self.smoothers.setdefault(ports, Smoother(self.evidence, self.base, ports))
 
-    def __call__(self, item: Ports) -> LatentFit:
+    def __call__(self, item: Ports) -> float:
         smoother = self.smoother(item)
-        evidence, size, time_s = (smoother.best if self.moving else smoother.rough).score
-        return float(evidence), float(size), float(time_s)
+        return float((smoother.best if self.moving else smoother.rough).log_evidence)
 
     def name(self, item: Ports) -> str:
         return " and ".join(item) or "no port"
@@ -115,7 +113,7 @@ def locate(
         for name in names
     }  # a value enters the equations there as it does here
     distinct = [name for name in names if twins[name] == name]
-    known: dict[Ports, LatentFit] = {}
+    known: dict[Ports, float] = {}
     evidence_at = _gains_at(work, distinct, pool, known)
     # Ports with the same equations have the same evidence, and each smoothing costs several fits.
     gains = {name: evidence_at[twins[name]] for name in names}
@@ -147,7 +145,7 @@ def locate(
 
 
 def _gains_at(
-    work: _SmoothingWork, names: list[str], pool: WorkerPool, known: dict[Ports, LatentFit]
+    work: _SmoothingWork, names: list[str], pool: WorkerPool, known: dict[Ports, float]
 ) -> dict[str, float]:
     """Evidence gained at each of these ports. Of many ports only those that stand out with the
     parameters held are evaluated with the parameters moving."""
@@ -167,7 +165,7 @@ def _gains_at(
 
 
 def _gains(
-    work: _SmoothingWork, items: list[Ports], pool: WorkerPool, known: dict[Ports, LatentFit]
+    work: _SmoothingWork, items: list[Ports], pool: WorkerPool, known: dict[Ports, float]
 ) -> list[float]:
     """Log evidence beyond that without a latent value; -inf where the model with or without it
     becomes unstable, or the job failed. Below zero the smoothing has not converged, up to the
@@ -183,10 +181,10 @@ def _gains(
         raise PamidError(f"{nothing.job} failed: {nothing.why}", code="jobs")
     known[()] = nothing
     return [
-        f[0] - nothing[0]
-        if not isinstance(f, Failed) and np.isfinite([f[0], nothing[0]]).all()
+        found - nothing
+        if not isinstance(found, Failed) and np.isfinite([found, nothing]).all()
         else -np.inf
-        for f in (by_ports[ports] for ports in items)
+        for found in (by_ports[ports] for ports in items)
     ]
 
 
