@@ -15,8 +15,7 @@ from pamid.base.progress import Progress, Settled
 from pamid.base.units import column_size
 from pamid.diagnosis.candidate_model import CandidateModel, candidate_from, runs_of, window_losses
 from pamid.diagnosis.settings import Settings
-from pamid.estimation.baseline_repair import WORSE
-from pamid.estimation.grey_box import GreyBox, fit_model
+from pamid.estimation.grey_box import WORSE, GreyBox, fit_model
 from pamid.estimation.problem import SHORTEST
 from pamid.estimation.restart import refound
 from pamid.model.bound_parameter import Sizes

@@ -1,24 +1,27 @@
-"""From recordings to a fitted model with its replays."""
+"""From recordings to a fitted model with its replays.
+
+A model that lacks an effect distorts its parameters, or the tolerance-sized terms of its
+background. Where the refit predicts held-out recordings worse than the data sheet, it is first
+repeated from starts drawn from the priors. It is then repeated with the determined parameters
+alone, the others held at the data sheet. Background terms that have moved and make the prediction
+worse are dropped.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pamid.base.arrays import Array
 from pamid.base.errors import ConvergenceError
+from pamid.base.metrics import seen_mean
 from pamid.base.parallel.jobs import WorkerPool
 from pamid.base.progress import Progress, Settled, silent
 from pamid.base.units import NONE, column_size, split_column
-from pamid.estimation.baseline_repair import (
-    Refit,
-    repaired,
-    without_harmful_background,
-)
-from pamid.estimation.intervals import bootstrap, estimates
-from pamid.estimation.multiple_shooting import ITERATIONS
+from pamid.estimation.intervals import background_pull, bootstrap, estimates
+from pamid.estimation.multiple_shooting import ITERATIONS, fit
 from pamid.estimation.observed_sizes import observed_sizes
 from pamid.estimation.posterior import EarlierPosterior
 from pamid.estimation.problem import Fit, Problem, free_parameters
@@ -34,6 +37,8 @@ from pamid.estimation.robust_fit import FIRST_STEPS, ROUNDS, fit_in_stages, fit_
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import Sizes
+from pamid.model.effect import Effect
+from pamid.model.rig import Rig, background_by_port, with_declared
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, channel_mae, noise_floors, replay_track
 from pamid.simulation.tracks import Track
@@ -41,6 +46,14 @@ from pamid.simulation.tracks import Track
 COARSE = 0.2  # noise standard deviations by which doubled sub-steps may change an output
 # of that change: largest share after doubling once more; a method of order 1 leaves half
 SETTLING = 0.75
+# times the held-out error of the data sheet, or of the model without a background term: below it
+# the two differ by chance
+WORSE = 1.1
+# posterior over prior standard deviation of a parameter that the recordings determine
+DETERMINED = 0.5
+# tolerances: a background term that stands nearer cannot do harm
+LEAST_PULL = 0.3
+TRIAL_STEPS = 3  # of a refit without a term, which begins where that with it has ended
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,13 +139,13 @@ def fit_model(
         replay_track(alone, alone.data_sheet(), t, fitted.stepping, evidence.noise)
         for t in evidence.tracks(alone, held_out=True)
     )
-    refit = Refit(evidence, assembly, fitted, replays)
+    model = GreyBox(evidence, assembly, fitted, change, replays, sheet, (), earlier=earlier)
     if earlier is None:
         # Not with an earlier posterior: the data sheet is then no longer the prior that the fit
         # has to beat.
-        refit = repaired(without_harmful_background(refit), sheet, seed)
-    if refit.fit is not fitted:
-        evidence, assembly, fitted = refit.evidence, refit.assembly, refit.fit
+        model = repaired(without_harmful_background(model), seed)
+    if model.fit is not fitted:
+        evidence, assembly, fitted = model.evidence, model.assembly, model.fit
         held = evidence.tracks(assembly, held_out=True)
         replays, change = rechecked(assembly, fitted, held, evidence.noise)
     progress("noise floor")
@@ -141,17 +154,12 @@ def fit_model(
     if draws:
         values = (f"{b.full_name} {e.value:.4g}" for b, e in estimates(fitted).items())
         progress(Settled(f"fitted, intervals follow: {', '.join(values)}"))
-    return GreyBox(
-        evidence,
-        assembly,
-        fitted,
-        change,
-        replays,
-        sheet,
-        floor,
-        bootstrap(fitted, draws, seed=seed, pool=pool, progress=progress) if draws else None,
-        earlier,
-        refit.remark,
+    return replace(
+        model,
+        recheck=change,
+        held_out=replays,
+        floor=floor,
+        draws=bootstrap(fitted, draws, seed=seed, pool=pool, progress=progress) if draws else None,
     )
 
 
@@ -248,3 +256,148 @@ def rechecked(
             moved = np.sqrt(((a.model - b.model)[a.scored] ** 2).mean(axis=0))
             change.append((moved / np.maximum(noise, 0.25 * left)).max())
     return once, float(max(change))
+
+
+# ---- repair of a refit that predicts worse than the data sheet ----------------------------------
+
+
+def with_fit(model: GreyBox, fitted: Fit, remark: str = "") -> GreyBox:
+    """The model with another fit, replayed over the held-out part; without replays where it has
+    failed. remark: a sentence on its repair."""
+    tracks = model.evidence.tracks(model.assembly, held_out=True) if fitted.residuals else ()
+    replays = tuple(
+        replay_track(model.assembly, fitted.p, t, fitted.stepping, model.evidence.noise)
+        for t in tracks
+    )
+    return replace(model, fit=fitted, held_out=replays, remark=remark)
+
+
+def relative_error(replays: Sequence[Replay], reference: Sequence[Replay]) -> float:
+    """Held-out error over that of another model, mean over the channels; infinite where the first
+    does not stay finite."""
+    if not replays or not all(r.finite for r in replays):
+        return np.inf
+    if not all(r.finite for r in reference):
+        return 0.0
+    error, other = (
+        seen_mean(np.concatenate([r.losses(1) for r in several]))
+        for several in (replays, reference)
+    )
+    return float(np.nanmean(error / other))
+
+
+def repaired(refit: GreyBox, seed: int) -> GreyBox:
+    """Return the refit, or the best attempt to mend a refit that predicts worse than the data
+    sheet. seed: of the starts drawn from the priors."""
+    sheet = refit.data_sheet
+    # The data sheet is the reference, because a fit that predicts worse than no fit at all has a
+    # wrong cause for its cost.
+    if not refit.fit.residuals or relative_error(refit.held_out, sheet) <= WORSE:
+        return refit
+    best = refit
+    for attempt in (_from_draws, _with_held):
+        tried = attempt(refit, seed)
+        if tried is not None and relative_error(best.held_out, tried.held_out) > WORSE:
+            best = replace(tried, remark=f"{refit.remark} {tried.remark}".strip())
+        if relative_error(best.held_out, sheet) <= WORSE:
+            return best
+    # effects are compared on top of a refit all the same: their models are refits, too
+    worse = f"{relative_error(best.held_out, sheet):.1f} times"
+    remark = f"The data sheet predicts better: the error of the refit is {worse} as large."
+    return replace(best, remark=f"{best.remark} {remark}".strip())
+
+
+def _from_draws(refit: GreyBox, seed: int) -> GreyBox | None:
+    drawn = fit_from_draws(refit.fit, refit.evidence.noise, seed)
+    remark = "The refit began at values drawn from the priors."
+    return None if drawn is refit.fit else with_fit(refit, drawn, remark)
+
+
+def _with_held(refit: GreyBox, _: int) -> GreyBox | None:
+    # A parameter that the recordings leave open costs nothing to move, so that it absorbs first
+    # what the model lacks.
+    loose = undetermined_parameters(refit.fit)
+    if not loose:
+        return None
+    names = ", ".join(refit.assembly.parameters[i].full_name for i in loose)
+    remark = f"The recordings do not determine {names}; the fit holds the data-sheet values."
+    return with_fit(refit, fit_held(refit.fit, loose), remark)
+
+
+def undetermined_parameters(fitted: Fit) -> list[int]:
+    """Places of the rig's fitted parameters of which the recordings say little beyond the prior."""
+    free = fitted.problem.free
+    if not fitted.residuals or not free:
+        return []
+    left = np.sqrt(np.maximum(np.diag(fitted.covariance), 0.0))
+    parameters = fitted.problem.assembly.parameters
+    return [
+        i
+        for i, share in zip(free, left, strict=True)
+        if not parameters[i].owner and not share < DETERMINED
+    ]
+
+
+def fit_held(fitted: Fit, places: Iterable[int]) -> Fit:
+    """The fit of the same problem with these free parameters held at the data sheet."""
+    problem, held = fitted.problem, frozenset(places)
+    few = replace(problem, free=tuple(i for i in problem.free if i not in held))
+    reduced = fit_robustly(few, p=problem.assembly.data_sheet(), stepping=fitted.stepping)
+    if not reduced.residuals:
+        return reduced
+    # No steps, but all parameters free: the covariance then covers those that were held as well.
+    whole = fit(problem, reduced.end, iterations=0)
+    return replace(whole, converged=reduced.converged, why=reduced.why)
+
+
+# ---- background ----------------------------------------------------------------------------------
+
+
+def without_harmful_background(refit: GreyBox) -> GreyBox:
+    """Return the refit without those background terms that make its held-out prediction worse."""
+    best, remark = refit, ""
+    if not refit.fit.residuals:
+        return refit
+    for name, pull in background_pull(refit.fit).items():
+        if not abs(pull) > LEAST_PULL or f"background.{name}" not in best.assembly.background_terms:
+            continue
+        term = best.assembly.background_terms[f"background.{name}"]
+        # A few steps show the sign of the change. Only a term that has to go is refitted to the
+        # end.
+        tried = _without(best, term, TRIAL_STEPS)
+        if relative_error(best.held_out, tried.held_out) > WORSE:
+            best = _without(best, term, ITERATIONS)
+            remark += f"Background {name} was removed: it increased the held-out error. "
+    return replace(best, remark=remark.rstrip())
+
+
+def _without(refit: GreyBox, term: Effect, iterations: int) -> GreyBox:
+    """The model without a background term, at all places of its port, refitted from where it is."""
+    evidence = replace(refit.evidence, rig=rig_without(refit.evidence.rig, term))
+    before = refit.assembly
+    assembly = replace(before, rig=evidence.rig).for_fitting()
+    tracks = evidence.tracks(assembly)
+    problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
+    p = assembly.values()
+    for key, place in assembly.keys.items():
+        p[place] = refit.fit.p[before.keys[key]]
+    fitted = fit(problem, replace(refit.fit.end, p=p), iterations=iterations)
+    return with_fit(replace(refit, evidence=evidence, assembly=assembly), fitted)
+
+
+def rig_with_background(rig: Rig, owners: Collection[str]) -> Rig:
+    """A copy of the rig with those background terms alone that these owners name."""
+    for owner, term in Assembly(rig, background=True).background_terms.items():
+        if owner not in owners:
+            rig = rig_without(rig, term)
+    return rig
+
+
+def rig_without(rig: Rig, term: Effect) -> Rig:
+    """A copy of the rig without this background term."""
+    background = {}
+    for port, terms in background_by_port(rig).items():
+        left = tuple(t for t in terms if t is not term)
+        if left:
+            background[port] = left
+    return with_declared(rig, background=background)

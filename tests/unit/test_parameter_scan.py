@@ -33,7 +33,10 @@ def baseline(rig: str, made: Recording) -> tuple[DataSplit, CandidateModel]:
 
 
 def screened(
-    evidence: DataSplit, base: CandidateModel, effect: Attachment, hints: defaultdict[str, Hints] = NO_HINTS
+    evidence: DataSplit,
+    base: CandidateModel,
+    effect: Attachment,
+    hints: defaultdict[str, Hints] = NO_HINTS,
 ) -> ScreenedCandidate:
     """The effect after all steps of its screening."""
     reference = ScreeningBaseline.of(base, 5)

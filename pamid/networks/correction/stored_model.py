@@ -12,7 +12,7 @@ from pamid.base.arrays import Array
 from pamid.base.errors import FileError
 from pamid.base.schemas.fit_file import FittedModel, RecordingUsed
 from pamid.engine.program import Stepping
-from pamid.estimation.baseline_repair import rig_with_background
+from pamid.estimation.grey_box import rig_with_background
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attach
 from pamid.model.between_samples import as_fitted, stated
