@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -12,12 +11,11 @@ from pamid.api.options.training import TrainingArguments
 from pamid.api.workers import OpenedRun
 from pamid.base.card import Cells, card, html_table, number, paragraph, text_table
 from pamid.base.errors import DataError, PamidError, UsageError
-from pamid.base.progress import Progress, progress_steps
+from pamid.base.progress import progress_steps
 from pamid.base.run_folder import FIT_FILE, NETWORK_FILE, RESIDUAL_FILE, Run
 from pamid.model.registry import resolved_rig
 from pamid.networks.correction.output_network import (
     CHECKPOINT_FILE,
-    Correction,
     NetworkChoice,
     train_correction,
     write_correction,
@@ -30,7 +28,6 @@ from pamid.networks.correction.port_network import (
 from pamid.networks.correction.residual_data import (
     CAUSES,
     MODEL_COLUMNS,
-    ResidualData,
     read_residual_data,
 )
 from pamid.networks.network_training import TrainingStep
@@ -47,7 +44,6 @@ if TYPE_CHECKING:
 
 EVIDENCE = ("every-sample", "independent-samples")
 USUAL_ITERATIONS = 1000
-Trainer = Callable[[ResidualData, Progress, TrainingOptions], Correction]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,7 +124,12 @@ def train_residual(arguments: TrainingArguments) -> NetworkResult:
     residual = read_residual_data(
         run.folder, a.channel, tuple(a.inputs), on=a.on, replay=a.at != "output"
     )
-    trained = _trainer(a, source, wanted)
+    rig = resolved_rig(a.rig)
+    if a.at == "output" and rig is not None:
+        raise UsageError("--rig belongs to --port PORT: at the output no rig is needed.")
+    if a.at != "output":
+        origin = origin_of(source.folder, source.code[0] if rig is None else rig, a.on)
+        entry = entry_of(origin.evidence.rig, a.at)
     run.begin_step(
         command=a.command or ["pamid.train_residual", str(run.folder)],
         seed=a.seed,
@@ -150,29 +151,53 @@ def train_residual(arguments: TrainingArguments) -> NetworkResult:
     )
     try:
         with progress_steps(a.progress, "train-residual", iterations) as (show, count):
-            correction = trained(
-                residual,
-                show,
-                TrainingOptions(
-                    independent=a.evidence == "independent-samples",
-                    plain=a.plain,
-                    damping=damping,
-                    device=a.device,
-                    iterations=iterations,
-                    seed=a.seed,
-                    starts=a.starts,
-                    threads=a.jobs or os.cpu_count() or 1,
-                    checkpoint=run.path(CHECKPOINT_FILE),
-                    resume=a.resume,
-                    progress=_steps(count, a.starts),
-                ),
+
+            def step_done(step: TrainingStep, start: int) -> None:
+                which = f"start {start + 1} of {a.starts}, " if a.starts > 1 else ""
+                about_step = f"MSE {step.mse:.4g}, gamma {step.gamma:.1f}, mu {step.mu:.1g}"
+                count(step.iteration, which + about_step)
+
+            options = TrainingOptions(
+                independent=a.evidence == "independent-samples",
+                plain=a.plain,
+                damping=damping,
+                device=a.device,
+                iterations=iterations,
+                seed=a.seed,
+                starts=a.starts,
+                threads=a.jobs or os.cpu_count() or 1,
+                checkpoint=run.path(CHECKPOINT_FILE),
+                resume=a.resume,
+                progress=step_done,
             )
+            if a.at == "output":
+                correction = train_correction(residual, wanted, options)
+            else:
+                correction = train_at_port(residual, origin.model(), entry, wanted, options, show)
             about = write_correction(run, correction)
     except (PamidError, KeyboardInterrupt) as error:
         run.finish("failed" if isinstance(error, PamidError) else "interrupted")
         raise
     run.finish("interrupted" if correction.interrupted else "done")
-    return _result(source, about, correction.interrupted, iterations)
+    training = about["training"]
+    return NetworkResult(
+        folder=source.folder,
+        kind=about["kind"],
+        on=about["on"],
+        target=about["target"],
+        inputs=tuple(input_["name"] for input_ in about["inputs"]),
+        weights=about["n_weights"],
+        iterations=training["iterations"],
+        why=training["why"],
+        converged=training["converged"],
+        interrupted=correction.interrupted,
+        stuck=not training["converged"] and training["iterations"] < iterations,
+        errors={
+            channel: {k: v for k, v in errors.items() if isinstance(v, float)}
+            for channel, errors in about["mae"].items()
+        },
+        _home=source._home,
+    )
 
 
 def most_iterations(arguments: TrainingArguments) -> int:
@@ -199,55 +224,6 @@ def _damping(arguments: TrainingArguments) -> Damping:
             error.message,
             "--mu lies below --mu-largest, --mu-increase above 1, --mu-decrease between 0 and 1.",
         ) from None
-
-
-def _trainer(arguments: TrainingArguments, source: OpenedRun, wanted: NetworkChoice) -> Trainer:
-    """Trainer for an output or for a port; raises for unknown names."""
-    rig = resolved_rig(arguments.rig)
-    if arguments.at == "output":
-        if rig is not None:
-            raise UsageError("--rig belongs to --port PORT: at the output no rig is needed.")
-
-        return lambda residual, _, options: train_correction(residual, wanted, options)
-    origin = origin_of(source.folder, source.code[0] if rig is None else rig, arguments.on)
-    entry = entry_of(origin.evidence.rig, arguments.at)
-    return lambda residual, show, options: train_at_port(
-        residual, origin.model(), entry, wanted, options, show
-    )
-
-
-def _steps(count: Callable[[int, str], object], starts: int) -> Callable[[TrainingStep, int], None]:
-    def step_done(step: TrainingStep, start: int) -> None:
-        which = f"start {start + 1} of {starts}, " if starts > 1 else ""
-        count(
-            step.iteration, f"{which}MSE {step.mse:.4g}, gamma {step.gamma:.1f}, mu {step.mu:.1g}"
-        )
-
-    return step_done
-
-
-def _result(
-    source: OpenedRun, about: dict[str, Any], interrupted: bool, most: int
-) -> NetworkResult:
-    training = about["training"]
-    return NetworkResult(
-        folder=source.folder,
-        kind=about["kind"],
-        on=about["on"],
-        target=about["target"],
-        inputs=tuple(input_["name"] for input_ in about["inputs"]),
-        weights=about["n_weights"],
-        iterations=training["iterations"],
-        why=training["why"],
-        converged=training["converged"],
-        interrupted=interrupted,
-        stuck=not training["converged"] and training["iterations"] < most,
-        errors={
-            channel: {k: v for k, v in errors.items() if isinstance(v, float)}
-            for channel, errors in about["mae"].items()
-        },
-        _home=source._home,
-    )
 
 
 def network_words(kind: str, sizes: dict[str, Any]) -> str:
