@@ -11,7 +11,6 @@ from pamid.api.options.record import (
     RigName,
     argument,
     option,
-    overwrite_option,
 )
 from pamid.base.files import make_folder, require_new, write_atomically
 
@@ -49,7 +48,7 @@ class Arguments:
         1.0, "Seconds of the recording per second of the animation.", least=0.01, most=100.0
     )
     size: int = option(480, "Width in pixels.", least=160, most=1600)
-    overwrite: bool = overwrite_option("Replace the output if it exists.", formerly="--force")
+    overwrite: bool = option(False, "Replace the output if it exists.", formerly="--force")
 
 
 @frame.command("animate", Arguments, example=EXAMPLE)

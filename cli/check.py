@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pamid.api.options.preparing import CheckArguments
-from pamid.api.options.record import FilePath, figure_option, option, overwrite_option
+from pamid.api.options.record import FilePath, option
 from pamid.base.errors import UsageError, quoted
 
 from . import frame
@@ -30,12 +30,13 @@ WRONG = 3
 class Arguments(CheckArguments):
     __doc__ = CheckArguments.__doc__
 
-    figure: FilePath | None = figure_option(
-        "every channel of a recording, with the places of each finding; a rig as a block diagram "
-        "of its ports"
+    figure: FilePath | None = option(
+        None,
+        "PNG to draw: every channel of a recording, with the places of each finding; a rig as a "
+        "block diagram of its ports.",
     )
     everything: bool = option(False, "Print every finding and port of a rig.", "--all")
-    overwrite: bool = overwrite_option("Replace the figure if it exists.", formerly="--force")
+    overwrite: bool = option(False, "Replace the figure if it exists.", formerly="--force")
 
 
 @frame.command("check", Arguments, example=EXAMPLE)

@@ -11,7 +11,6 @@ from pamid.api.options.record import (
     RigName,
     jobs_option,
     option,
-    overwrite_option,
     seed_option,
 )
 from pamid.base.errors import quoted
@@ -54,7 +53,7 @@ class Arguments:
         least=15.0,
         most=3600.0,
     )
-    overwrite: bool = overwrite_option("Replace an earlier run in that folder.")
+    overwrite: bool = option(False, "Replace an earlier run in that folder.")
 
 
 @frame.command("demo", Arguments, example=EXAMPLE)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pamid.api.options.estimating import DiagnosisArguments
-from pamid.api.options.record import FilePath, figure_option, overwrite_option
+from pamid.api.options.record import FilePath, option
 from pamid.base.errors import quoted
 
 from . import frame
@@ -35,16 +35,17 @@ pamid diagnose rec.csv --rig one-dof --output run --jobs 2
 class Arguments(DiagnosisArguments):
     __doc__ = DiagnosisArguments.__doc__
 
-    figure: FilePath | None = figure_option(
-        "the rig as a block diagram, with the shares of the gap and the identified effects; below "
-        "it the residual over the contribution of the leading candidates"
+    figure: FilePath | None = option(
+        None,
+        "PNG to draw: the rig as a block diagram, with the shares of the gap and the identified "
+        "effects; below it the residual over the contribution of the leading candidates.",
     )
     conditions: Sequence[Condition] = fail_if_option(
         "'remainder > 0.3' (share of the gap that no cause explains, 0 without a structural gap), "
         "'probability > 0.9' (of the leading cause), or the held-out error of a channel with the "
         "causes, as 'angle_deg > 0.1'"
     )
-    overwrite: bool = overwrite_option("Replace an earlier run in that folder, and the figure.")
+    overwrite: bool = option(False, "Replace an earlier run in that folder, and the figure.")
 
 
 @frame.command("diagnose", Arguments, example=EXAMPLE)

@@ -12,7 +12,15 @@ import click
 from click.shell_completion import CompletionItem
 
 from pamid.api.options.names import entries
-from pamid.api.options.record import About, Kind, about_fields
+from pamid.api.options.record import (
+    About,
+    AnyPath,
+    EffectName,
+    FolderPath,
+    Kind,
+    RigName,
+    about_fields,
+)
 
 _SERIES = (Sequence, Iterable, Mapping)
 _PATHS: dict[str, dict[str, bool]] = {
@@ -20,24 +28,23 @@ _PATHS: dict[str, dict[str, bool]] = {
     "file": {"dir_okay": False},
     "folder": {"file_okay": False},
 }
-_NUMBERS: dict[Any, Any] = {
-    int: (click.INT, click.IntRange),
-    float: (click.FLOAT, click.FloatRange),
+#: what a command takes for types of the Python functions, none of which is loaded for its help
+_LIGHT_TYPES: dict[str, Any] = {
+    "RecordingLike": AnyPath,
+    "RigLike": RigName,
+    "EffectLike": EffectName,
+    "OpenedRun": AnyPath,
+    "Run": FolderPath,
+    "Settings": Mapping[str, float],
+    **dict.fromkeys(("Rig", "Effect", "ShowProgress", "Warn"), Any),
 }
 
 
-class Catalogued(click.ParamType):
+class Catalogued(click.types.StringParamType):
     """A text for which shells complete the names of a package folder, and Python files."""
-
-    name = "text"
 
     def __init__(self, folder: str) -> None:
         self.folder = folder
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> str:
-        return str(value)
 
     def shell_complete(
         self, ctx: click.Context, param: click.Parameter, incomplete: str
@@ -48,7 +55,7 @@ class Catalogued(click.ParamType):
 
 def parameters_of(record: type) -> list[click.Parameter]:
     """Parameters of the command whose arguments are the fields of a record."""
-    hints = get_type_hints(record, include_extras=True)
+    hints = get_type_hints(record, localns=_LIGHT_TYPES, include_extras=True)
     parameters: list[click.Parameter] = []
     for item, about in about_fields(record):
         if not about.python_only:
@@ -134,10 +141,10 @@ def _click_type(hint: Any, about: About) -> Any:
         (kind,) = (mark.name for mark in hint.__metadata__ if isinstance(mark, Kind))
         paths = _PATHS.get(kind)
         return Catalogued(kind) if paths is None else click.Path(path_type=Path, **paths)
-    if about.parse or about.separator or hint not in _NUMBERS:
+    if about.parse or about.separator or hint not in (int, float):
         return click.STRING
-    unbounded, bounded = _NUMBERS[hint]
-    bounds = (about.least if about.above is None else about.above, about.most)
-    if bounds == (None, None):
-        return unbounded
-    return bounded(*bounds, min_open=about.above is not None)
+    least = about.least if about.above is None else about.above
+    if least is None and about.most is None:
+        return hint
+    bounded: Any = click.IntRange if hint is int else click.FloatRange
+    return bounded(least, about.most, min_open=about.above is not None)

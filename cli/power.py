@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pamid.api.options.record import FilePath, figure_option, overwrite_option
+from pamid.api.options.record import FilePath, option
 from pamid.api.options.simulating import PowerArguments
 from pamid.base.errors import quoted
 
@@ -23,8 +23,8 @@ pamid power --rig one-dof --excitation excitation.csv --figure power.png
 class Arguments(PowerArguments):
     __doc__ = PowerArguments.__doc__
 
-    figure: FilePath | None = figure_option("effects by size")
-    overwrite: bool = overwrite_option("Replace the figure if it exists.")
+    figure: FilePath | None = option(None, "PNG to draw: effects by size.")
+    overwrite: bool = option(False, "Replace the figure if it exists.")
 
 
 @frame.command("power", Arguments, example=EXAMPLE)

@@ -14,7 +14,6 @@ from pamid.api.options.record import (
     RigName,
     argument,
     option,
-    overwrite_option,
 )
 from pamid.base.errors import UsageError
 
@@ -63,7 +62,7 @@ class Arguments:
         "Path of the rig file of the run (it is run), for a rig outside the catalogue: the "
         "animation needs its pose.",
     )
-    overwrite: bool = overwrite_option("Replace the page even if it is not a report of pamid.")
+    overwrite: bool = option(False, "Replace the page even if it is not a report of pamid.")
 
     def page_and_pdf(self, default: Path) -> tuple[Path, Path | None]:
         """Paths of the page and, on request, of the PDF."""

@@ -11,7 +11,6 @@ from pamid.api.options.record import (
     FolderPath,
     jobs_option,
     option,
-    overwrite_option,
     seed_option,
 )
 from pamid.base.errors import join_words
@@ -75,7 +74,7 @@ class Arguments:
         False,
         **_for_papers("resume", "Continue the same command where it was interrupted. {}"),
     )
-    overwrite: bool = overwrite_option("Replace an earlier run in that folder.")
+    overwrite: bool = option(False, "Replace an earlier run in that folder.")
 
 
 @frame.command("reproduce-paper", Arguments, example=EXAMPLE)

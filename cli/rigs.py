@@ -8,9 +8,7 @@ from pamid.api.options.record import (
     FilePath,
     RigName,
     argument,
-    figure_option,
     option,
-    overwrite_option,
 )
 from pamid.base.errors import UsageError
 
@@ -35,8 +33,8 @@ class Arguments:
     name: RigName | None = argument(default=None)
     named: RigName | None = option(None, "The same as NAME.", "--rig")
     everything: bool = option(False, "Print equations of any length.", "--all")
-    figure: FilePath | None = figure_option("the rig as a block diagram of its ports")
-    overwrite: bool = overwrite_option("Replace the figure if it exists.")
+    figure: FilePath | None = option(None, "PNG to draw: the rig as a block diagram of its ports.")
+    overwrite: bool = option(False, "Replace the figure if it exists.")
 
 
 @frame.command("rigs", Arguments, example=EXAMPLE)

@@ -19,7 +19,6 @@ from pamid.api.options.record import (
     cluster_option,
     jobs_option,
     option,
-    overwrite_option,
     seed_option,
 )
 from pamid.base.errors import FileError, UsageError, join_words, quoted
@@ -101,8 +100,8 @@ class Arguments:
         metavar="I/COUNT",
     )
     resume: bool = option(False, "Continue the trial in the folder; finished cases are reused.")
-    overwrite: bool = overwrite_option(
-        "Replace an earlier trial in that folder: all cases are computed again."
+    overwrite: bool = option(
+        False, "Replace an earlier trial in that folder: all cases are computed again."
     )
     only: Literal["single", "double", "no-gap", "withheld", "nameless"] | None = option(
         None, "Keep only this stratum of the drawn cases."

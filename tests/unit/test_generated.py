@@ -16,7 +16,6 @@ from pamid.api.options.record import (
     argument,
     in_python_only,
     option,
-    overwrite_option,
     parse_pairs,
     required_option,
     verb,
@@ -39,7 +38,7 @@ class Arguments:
     columns: Sequence[str] = option((), "Columns.", separator=",")
     output: FilePath | None = option(None, "File.", command_default="w.csv", in_python="A file.")
     check: bool = option(True, "Skip the check.", negated=True, in_python="Check first.")
-    overwrite: bool = overwrite_option("Replace the file.", formerly="--force")
+    overwrite: bool = option(False, "Replace the file.", formerly="--force")
     listener: Any = in_python_only(None, "Called for every thing.")
 
 

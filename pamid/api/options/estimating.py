@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pamid.api.options.record import (
-    AnyPath,
     EffectName,
     FolderPath,
-    RigName,
     argument,
     cluster_option,
     in_python_only,
     jobs_option,
     option,
-    overwrite_option,
     parse_pairs,
     run_output_option,
     seed_option,
@@ -29,10 +26,6 @@ if TYPE_CHECKING:
     from pamid.base.run_folder import Run
     from pamid.diagnosis.settings import Settings
     from pamid.model.registry import RigLike
-else:
-    EffectLike, RecordingLike, RigLike = EffectName, AnyPath, RigName
-    OpenedRun, Run, Settings = FolderPath, FolderPath, Mapping[str, float]
-    ShowProgress = Warn = Any
 
 RIG_TEXT = (
     "Rig by name, or the path of a file: a rig file (it is run), a MuJoCo or URDF model, or an FMU "
@@ -71,7 +64,7 @@ class RunArguments:
     )
     cluster: str | None = cluster_option()
     resume: bool = option(False, "Continue the same run where it was interrupted.")
-    overwrite: bool = overwrite_option("Replace an earlier run in that folder.")
+    overwrite: bool = option(False, "Replace an earlier run in that folder.")
     progress: ShowProgress = in_python_only(
         None,
         "None: a line that updates itself; False: silent; or a function of a line of text.",

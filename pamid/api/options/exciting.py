@@ -9,9 +9,7 @@ from typing import Literal
 from pamid.api.options.record import (
     FilePath,
     RigName,
-    figure_option,
     option,
-    overwrite_option,
     parse_pairs,
     seed_option,
 )
@@ -179,10 +177,12 @@ class ExcitationArguments:
     form: Literal["csv", "mat", "mat-file", "mat-matrix", "st", "h"] | None = option(
         None, "Format of the file. [default: by its suffix]", "--format"
     )
-    figure: FilePath | None = figure_option(
-        "coverage of amplitude and frequency", applies_to=(*_SIGNALS, "torque-loops")
+    figure: FilePath | None = option(
+        None,
+        "PNG to draw: coverage of amplitude and frequency.",
+        applies_to=(*_SIGNALS, "torque-loops"),
     )
-    overwrite: bool = overwrite_option("Replace the output if it exists.", formerly="--force")
+    overwrite: bool = option(False, "Replace the output if it exists.", formerly="--force")
 
     @property
     def period_s(self) -> float:

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pamid.api.options.names import export_forms, rigs_with
 from pamid.api.options.record import (
     AnyPath,
-    EffectName,
     FolderPath,
-    RigName,
     argument,
     in_python_only,
     known_option,
     option,
-    overwrite_option,
     required_option,
     seed_option,
     which_option,
@@ -26,8 +23,6 @@ if TYPE_CHECKING:
     from pamid.api.given import EffectLike, Warn
     from pamid.api.workers import OpenedRun
     from pamid.model.registry import RigLike
-else:
-    EffectLike, RigLike, OpenedRun, Warn = EffectName, RigName, AnyPath, Any
 
 FORMS = export_forms()
 
@@ -76,7 +71,7 @@ class ExportArguments:
         "Also write nominal values, standard deviations and covariance of the parameters, as YAML, "
         "for domain randomisation.",
     )
-    overwrite: bool = overwrite_option("Replace what exists.", formerly="--force")
+    overwrite: bool = option(False, "Replace what exists.", formerly="--force")
     warn: Warn | None = in_python_only(
         None, "Function that takes the notes on the files. Default: warnings.warn."
     )
@@ -119,7 +114,7 @@ class ForceLawArguments:
         "Refuse a map in which the force falls with pressure or grows with contraction. (If only "
         "the law does so, it is constrained.)",
     )
-    overwrite: bool = overwrite_option("Replace an earlier run in that folder.")
+    overwrite: bool = option(False, "Replace an earlier run in that folder.")
     warn: Warn | None = in_python_only(
         None, "Function that takes warnings. Default: warnings.warn."
     )

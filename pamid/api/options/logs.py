@@ -10,19 +10,15 @@ from pamid.api.options.names import cures
 from pamid.api.options.record import (
     AnyPath,
     FilePath,
-    RigName,
     argument,
     in_python_only,
     known_option,
     option,
-    overwrite_option,
 )
 
 if TYPE_CHECKING:
     from pamid.base.progress import ShowProgress
     from pamid.model.registry import RigLike
-else:
-    RigLike, ShowProgress = RigName, Any
 
 RIG_TEXT = "Rig by name, or the path of a rig file (it is run)."
 
@@ -64,7 +60,7 @@ class LogArguments:
         metavar="GIB",
         above=0.0,
     )
-    overwrite: bool = overwrite_option("Replace outputs that exist.")
+    overwrite: bool = option(False, "Replace outputs that exist.")
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from pamid.api.options.record import AnyPath, FilePath, RigName, argument, option, overwrite_option
+from pamid.api.options.record import FilePath, RigName, argument, option
 from pamid.base.errors import UsageError
 
 if TYPE_CHECKING:
@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from pamid.model.effect import Effect
     from pamid.model.registry import RigLike
     from pamid.model.rig import Rig
-else:
-    RecordingLike, RigLike, Rig, Effect = AnyPath, RigName, Any, Any
 
 
 @dataclass(frozen=True)
@@ -93,4 +91,4 @@ class NewRigArguments:
         parse=_parse_columns,
     )
     output: FilePath = option("my_rig.py", "Rig file to write; its name becomes the rig's.")
-    overwrite: bool = overwrite_option("Replace the file if it exists.")
+    overwrite: bool = option(False, "Replace the file if it exists.")

@@ -215,15 +215,6 @@ def cluster_option() -> Any:
     )
 
 
-def figure_option(content: str, **about: Any) -> Any:
-    """The --figure option; content: that of the PNG."""
-    return option(None, f"PNG to draw: {content}.", **about)
-
-
-def overwrite_option(text: str, *, formerly: str = "") -> Any:
-    return option(False, text, formerly=formerly)
-
-
 def run_output_option(name: str) -> Any:
     """The --output option of a command that creates a run folder; name: default of the command."""
     about = "Run folder. Default: a temporary folder, which `save` copies."

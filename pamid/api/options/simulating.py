@@ -4,22 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pamid.api.options.estimating import RIG_TEXT
 from pamid.api.options.record import (
     AnyPath,
-    EffectName,
     FilePath,
     FolderPath,
-    RigName,
     argument,
     in_python_only,
     jobs_option,
     known_option,
     noise_option,
     option,
-    overwrite_option,
     parse_pairs,
     required_option,
     seed_option,
@@ -31,9 +28,6 @@ if TYPE_CHECKING:
     from pamid.api.workers import OpenedRun
     from pamid.base.progress import ShowProgress
     from pamid.model.registry import RigLike
-else:
-    EffectLike, RecordingLike, RigLike, OpenedRun = EffectName, AnyPath, RigName, AnyPath
-    ShowProgress = Warn = Any
 
 
 @dataclass(frozen=True)
@@ -75,7 +69,7 @@ class SimulationArguments:
     noise: float = noise_option(1.0, "default | none | FACTOR on the sensor noise.")
     seed: int = seed_option("The same seed gives the same noise.")
     output: FilePath | None = option(None, "CSV file to write.", command_default="simulated.csv")
-    overwrite: bool = overwrite_option("Replace the output if it exists.", formerly="--force")
+    overwrite: bool = option(False, "Replace the output if it exists.", formerly="--force")
 
 
 @dataclass(frozen=True)

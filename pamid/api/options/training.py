@@ -10,7 +10,6 @@ from pamid.api.options.names import network_sizes
 from pamid.api.options.record import (
     AnyPath,
     NetworkName,
-    RigName,
     argument,
     in_python_only,
     option,
@@ -30,7 +29,6 @@ if TYPE_CHECKING:
         hidden: int | None = None
         sets: int | None = None
 else:
-    OpenedRun, RigLike, ShowProgress = AnyPath, RigName, Any
 
     def _size_fields() -> list[tuple[str, str, Any]]:
         """An option for every size of the kinds of networks."""
