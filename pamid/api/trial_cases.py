@@ -78,7 +78,7 @@ def run_trial(
     selection: CaseSelection,
     pool: WorkerPool,
     *,
-    done: Done = lambda finished, total: None,
+    done: Done,
 ) -> dict[str, Any]:
     """Draw, run and score the cases; writes labels.json, cases/ and trial.json, returns it.
 
@@ -232,12 +232,8 @@ def diagnosed(recorded: RecordedCase, folder: Path) -> DiagnosisResult:
         without=recorded.case.removed,
         jobs=1,
         output=folder,
-        warn=_quiet,
+        warn=lambda text: None,  # nobody reads remarks on recordings in a trial
     )
-
-
-def _quiet(text: str) -> None:
-    """A remark on a recording, which nobody reads in a trial."""
 
 
 def _refit_errors(recorded: RecordedCase) -> Array:
@@ -249,7 +245,7 @@ def _refit_errors(recorded: RecordedCase) -> Array:
 def _shrinkage(run: DiagnosisResult, recorded: RecordedCase) -> ShrinkageForecast | None:
     """Shrinkage predicted (with its interval) and achieved on a fresh recording, by channel, and in
     the channel with the largest gap; None without a cause, or where a model became unstable."""
-    scored = score(run, list(recorded.fresh), rig=recorded.rig, warn=_quiet)
+    scored = score(run, list(recorded.fresh), rig=recorded.rig, warn=lambda text: None)
     if "with_cause" not in scored.models:
         return None
     how_far, channels = run.to_dict()["how_far"], {}

@@ -31,7 +31,6 @@ class RunHome:
     result that refers to it."""
 
     def __init__(self, folder: Path | None) -> None:
-        self.temporary = folder is None
         if folder is None:
             folder = Path(tempfile.mkdtemp(prefix="pamid-"))
             weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)

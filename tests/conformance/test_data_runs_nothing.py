@@ -109,7 +109,7 @@ def quick(undrawn, monkeypatch) -> None:
         "pamid.estimation.grey_box.fit_model",
         "pamid.diagnosis.verdict.diagnosis_run.diagnose_into",
         "pamid.networks.correction.output_network.train_correction",
-        "pamid.api.run_score.split_recordings",
+        "pamid.api.scoring.split_recordings",
     ):
         monkeypatch.setattr(place, end)
     monkeypatch.setattr("pamid.report.animation.gif_of", end)

@@ -167,9 +167,9 @@ def known_option(text: str) -> Any:
     return option(None, text, "--known", metavar="NAME=VALUE", parse=parse_pairs())
 
 
-def noise_option(default: float, text: str) -> Any:
+def noise_option(text: str) -> Any:
     """The --noise option: default, none or a factor."""
-    return option(default, text, command_default="default", parse=_noise_factor)
+    return option(1.0, text, command_default="default", parse=_noise_factor)
 
 
 def _noise_factor(text: str) -> float:

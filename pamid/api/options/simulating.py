@@ -66,7 +66,7 @@ class SimulationArguments:
         parse=parse_pairs(),
         click={"envvar": ("PAMID_SIMULATE_PARAMETERS", "PAMID_SIMULATE_HIDDEN")},
     )
-    noise: float = noise_option(1.0, "default | none | FACTOR on the sensor noise.")
+    noise: float = noise_option("default | none | FACTOR on the sensor noise.")
     seed: int = seed_option("The same seed gives the same noise.")
     output: FilePath | None = option(None, "CSV file to write.", command_default="simulated.csv")
     overwrite: bool = option(False, "Replace the output if it exists.", formerly="--force")
@@ -94,7 +94,7 @@ class PowerArguments:
     known: Mapping[str, float] | None = known_option(
         "Parameter that is a known value of the recording."
     )
-    noise: float = noise_option(1.0, "default | FACTOR on the noise of the rig's sensors.")
+    noise: float = noise_option("default | FACTOR on the noise of the rig's sensors.")
     seed: int = seed_option("The same seed gives the same noise.")
     jobs: int = jobs_option()
     progress: ShowProgress = in_python_only(None, "As in `pamid.fit`.")
