@@ -7,7 +7,7 @@ trained on a measured force map; what is known of the inertial data, and what is
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from pamid.api.force_laws import write_law
@@ -116,19 +116,12 @@ class LawAlone(TwoLink):
 
 
 @dataclass(frozen=True, eq=False)
-class FitStage:
-    """A fit and its fit.json."""
-
-    grey: GreyBox
-    found: dict[str, Any]
-
-
-@dataclass(frozen=True, eq=False)
 class ArmModel:
-    """A fit's model with parameters p (SI)."""
+    """A fit's model with parameters p (SI); found: its fit.json, where these are the fitted."""
 
     grey: GreyBox
     p: Array
+    found: dict[str, Any] = field(default_factory=dict)
 
     def free(self, r: Recording) -> Array:
         """A run over a whole recording from the state in which the rig begins (samples x VARIABLES,
@@ -157,7 +150,7 @@ class ArmModel:
 
 def fit_stages(
     run: Run, records: ArmRecords, plan: ArmPlan, progress: Progress
-) -> tuple[dict[str, FitStage], dict[str, Any]]:
+) -> tuple[dict[str, ArmModel], dict[str, Any]]:
     """All fits, each in a separate run folder as `pamid fit --from` would leave it;
     force-law.json of the map."""
 
@@ -166,7 +159,7 @@ def fit_stages(
         evidence: DataSplit,
         earlier: EarlierPosterior | None = None,
         dry: tuple[str, ...] = DRY_FRICTION,
-    ) -> FitStage:
+    ) -> ArmModel:
         grey = fit_model(
             evidence,
             tuple(attach(evidence.rig, label, effects()) for label in dry),
@@ -174,13 +167,13 @@ def fit_stages(
             progress=lambda text: progress(f"{name}: {text}"),
             earlier=earlier,
         )
-        fitted = FitStage(grey, fit_json(grey, plan.seed))
+        fitted = ArmModel(grey, grey.fit.p, fit_json(grey, plan.seed))
         folder = part(run, name, plan, [r.path for r in evidence.recordings])
         write_json(folder.path(FIT_FILE), fitted.found)
         folder.finish()
         return fitted
 
-    def pulsed(name: str, rig: TwoLink, law: Law | None = None) -> FitStage:
+    def pulsed(name: str, rig: TwoLink, law: Law | None = None) -> ArmModel:
         rig.static_force = law or rig.static_force
         return stage(name, records.evidence(rig, PULSES), known)
 
@@ -217,19 +210,17 @@ def part(run: Run, name: str, plan: ArmPlan, inputs: list[Any]) -> Run:
     )
 
 
-def models_of(stages: dict[str, FitStage]) -> dict[str, ArmModel]:
+def models_of(stages: dict[str, ArmModel]) -> dict[str, ArmModel]:
     """By column of the table. The data sheet goes with the analytic law."""
-    greys = {name: stages[name].grey for name in FITTED}
-    return {
-        DATA_SHEET: ArmModel(greys[ANALYTIC], greys[ANALYTIC].assembly.data_sheet()),
-        **{name: ArmModel(grey, grey.fit.p) for name, grey in greys.items()},
-    }
+    grey = stages[ANALYTIC].grey
+    sheet = ArmModel(grey, grey.assembly.data_sheet())
+    return {DATA_SHEET: sheet, **{name: stages[name] for name in FITTED}}
 
 
-def free_json(stages: dict[str, FitStage], records: ArmRecords) -> dict[str, Any]:
+def free_json(stages: dict[str, ArmModel], records: ArmRecords) -> dict[str, Any]:
     """By kind of test and variable: the errors of all models in free runs, and the noise floor."""
-    models, viscous, errors = models_of(stages), stages[WITHOUT_DRY].grey, {}
-    swinging = {**models, WITHOUT_DRY: ArmModel(viscous, viscous.fit.p)}
+    models, errors = models_of(stages), {}
+    swinging = {**models, WITHOUT_DRY: stages[WITHOUT_DRY]}
     for kind, chosen in ((GRAVITY_TEST, swinging), (PULSES, models)):
         recordings = records.of(kind, held_out=True)
         by = {name: model.free_mae(recordings) for name, model in chosen.items()}
@@ -237,7 +228,7 @@ def free_json(stages: dict[str, FitStage], records: ArmRecords) -> dict[str, Any
     return errors
 
 
-def windowed_json(stages: dict[str, FitStage]) -> dict[str, Any]:
+def windowed_json(stages: dict[str, ArmModel]) -> dict[str, Any]:
     """The same as the fits themselves judge, in short windows whose states are set anew. The
     gravity tests were fitted with the analytic law alone of the two."""
     errors = {}
@@ -283,7 +274,7 @@ def target_of(mae: dict[str, Any]) -> result.ArmTarget:
     )
 
 
-def combinations_json(stages: dict[str, FitStage], twin: ArmTwin) -> dict[str, Any]:
+def combinations_json(stages: dict[str, ArmModel], twin: ArmTwin) -> dict[str, Any]:
     """Inertial combinations by stage."""
     plain = Assembly(catalogue_rig(ARM_RIG))
     truth = plain.values(twin.hidden())
@@ -291,14 +282,14 @@ def combinations_json(stages: dict[str, FitStage], twin: ArmTwin) -> dict[str, A
     return _by_stage(stages, "combinations", truths, truths)
 
 
-def parameters_json(stages: dict[str, FitStage], twin: ArmTwin) -> dict[str, Any]:
+def parameters_json(stages: dict[str, ArmModel], twin: ArmTwin) -> dict[str, Any]:
     """Fitted parameters by stage."""
     parameters = stages[GRAVITY_TEST].found["parameters"]
     return _by_stage(stages, "parameters", parameters, {**twin.hidden(), **twin.friction})
 
 
 def _by_stage(
-    stages: dict[str, FitStage], table: str, names: Iterable[str], truths: dict[str, float]
+    stages: dict[str, ArmModel], table: str, names: Iterable[str], truths: dict[str, float]
 ) -> dict[str, Any]:
     """Estimates of a table of fit.json by stage; holds (none of a scale): does the interval hold
     the truth? What has no truth here is as the data sheet says."""
@@ -383,7 +374,7 @@ def reproduce(run: Run, plan: ArmPlan, *, progress: Progress = silent) -> dict[s
     return content
 
 
-def coupling_runs(stages: dict[str, FitStage], records: ArmRecords) -> dict[str, Array]:
+def coupling_runs(stages: dict[str, ArmModel], records: ArmRecords) -> dict[str, Array]:
     """Free runs over the first held-out pulses, for `coupling_json`: fitted with the ANFIS, with
     and without the coupling terms."""
     r, models = records.of(PULSES, held_out=True)[0], models_of(stages)
@@ -398,7 +389,7 @@ def coupling_runs(stages: dict[str, FitStage], records: ArmRecords) -> dict[str,
 
 
 def picture_of(
-    stages: dict[str, FitStage], records: ArmRecords, kind: str, mae: dict[str, Any]
+    stages: dict[str, ArmModel], records: ArmRecords, kind: str, mae: dict[str, Any]
 ) -> bytes:
     """PNG of the first held-out recording of a kind: measured, data sheet, with the ANFIS."""
     r, models = records.of(kind, held_out=True)[0], models_of(stages)
