@@ -48,7 +48,8 @@ def padded_rows(windows: list[Window], values: Array) -> Array:
     inside = offsets < length
     out = values[np.where(inside, first + offsets, first)]
     out[~inside] = 0.0
-    return out.reshape(len(windows), -1, *out.shape[3:])
+    # No length is left to be inferred: a rig without free parameters has an empty last axis.
+    return out.reshape(len(windows), offsets.size * values.shape[1], *values.shape[2:])
 
 
 @dataclass(frozen=True, eq=False)

@@ -57,7 +57,7 @@ def test_the_step_stays_where_it_was_read_and_takes_the_error_with_it(tmp_path, 
     model = fit_model(evidence)
     base = candidate_from(model.assembly, model.fit, model.held_out)
     effect = attach(evidence.rig, "quantisation@sensor", effects())
-    (start,) = effect.effect.starts(gather_hints(evidence, base).at("sensor"))
+    (start,) = effect.effect.starts(gather_hints(evidence, base)["sensor"])
     assembly = model_with(evidence, (effect,), model.assembly.sizes)
     first = {f"{effect.label}:{name}": value for name, value in start.items()}
     found = replayed(evidence, assembly, refit(evidence, assembly, model.fit, first=first))
