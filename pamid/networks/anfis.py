@@ -18,9 +18,9 @@ bias, slope_1 .. slope_m. All zero is the untouched grid with output zero.
 
 Deviations are bent by limit tanh(deviation/limit): a centre stays within 0.45 spacings of its
 place, so sets keep their order; widths stay within a factor of 4.5, so none collapses. Near zero
-they are the weight. The place a rule's slope is counted from does not move
-with its centre: the output stays linear in the consequents with features that are well conditioned,
-and the derivative by a centre goes through the firing alone.
+they are the weight. The place a rule's slope is counted from does not move with its centre: the
+output stays linear in the consequents with features that are well conditioned, and the derivative
+by a centre goes through the firing alone.
 """
 
 import math

@@ -107,8 +107,9 @@ def train(
     `options.progress` or anywhere, ends the training with what it has. engine: computes the passes
     of all starts that are running in a batch (default: that of `options.device`).
 
-    A failure to converge is reported in the result; DataError is for less data than weights,
-    FileError for a checkpoint of another training, UsageError for a device that is not there.
+    A failure to converge is reported in the result; DataError is for fewer data than weights
+    and for options beyond their limits, FileError for a checkpoint of another training, UsageError
+    for a device that is not there.
     """
     problem = TrainingProblem(network, recordings(inputs, target), options)
     check_problem(problem)

@@ -62,9 +62,7 @@ class TrainedNetwork:
 
     def __post_init__(self) -> None:
         if len(set(self.input_names)) != len(self.input_names):
-            raise DataError(
-                "A trained network needs a scaling for each of its differently named inputs."
-            )
+            raise DataError("The inputs of a trained network need different names.")
         if not (np.isfinite(self.period_s) and self.period_s > 0.0):
             raise DataError(f"The sampling period must be positive, not {self.period_s} s.")
         # refuses a wrong number of inputs

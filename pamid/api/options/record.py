@@ -1,7 +1,7 @@
 """Arguments of a verb as a record: the signature of its function, and the options of its command.
 
 A field states name, type, default and help once. `verb` makes the Python function of it, and
-`cli/generated.py` the command.
+`cli/generated.py` the command, which resolves the annotations whose types are heavy to import.
 """
 
 from __future__ import annotations

@@ -177,7 +177,7 @@ def _order(trained: TrainedNetwork) -> list[str]:
         )
     if not isinstance(trained.network, Anfis):
         raise DataError(
-            f"A network of kind {trained.network.kind!r} has memory and is no static force law.",
+            f"A force law is an equation, and a network of kind {trained.network.kind!r} has none.",
             "Train an anfis.",
         )
     return order
