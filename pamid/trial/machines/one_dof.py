@@ -273,12 +273,12 @@ def record_muscles(
             f"The {layout.word} becomes unstable with {', '.join(names) or 'no fault'}.",
             "Draw smaller sizes.",
         )
-    time = np.arange(samples, dtype=np.float64) * PERIOD_S
+    simulated_s = np.arange(samples + AHEAD, dtype=np.float64) * PERIOD_S
+    time = simulated_s[:samples]
     stamps = time + PERIOD_S * logger.delays(random, samples)
     # the logger's clock may be early and drift
     when = stamps + planted_at[-1].early_s - planted_at[-1].skew_ppm * 1e-6 * stamps
-    taken = np.arange(samples + AHEAD, dtype=np.float64) * PERIOD_S
-    shown = np.stack([np.interp(when, taken, channel) for channel in readings.T], axis=1)
+    shown = np.stack([np.interp(when, simulated_s, channel) for channel in readings.T], axis=1)
     for f, pressure in zip(planted_at, range(3 * n, 5 * n), strict=False):
         shown[:, pressure] += f.pressure_zero_pa + f.pressure_gain * shown[:, pressure]
     lot = joints[0][0]
